@@ -4,7 +4,7 @@
 
 mod fields;
 
-use cumulo::denoise::{Ahead, Denoiser, Frame, Lookahead, Method, Settings};
+use cumulo::denoise::{Ahead, Denoiser, Estimate, Frame, Lookahead, Method, Settings};
 use cumulo::math::Affine;
 use cumulo::render::aov::Aov;
 use cumulo::render::path::{PathTracer, Sampling, View};
@@ -168,6 +168,7 @@ struct Drawn {
     truth: Vec<Vec<Vec3>>,
     frames: Vec<Vec<Vec3>>,
     found: Vec<Vec<Vec3>>,
+    estimates: Vec<Option<Estimate>>,
 }
 
 /// Decibels of a picture.
@@ -209,10 +210,11 @@ fn drawn(picture: Picture, deviation: f32, motion: Vec2, opaque: bool) -> Drawn 
     let mut denoiser = Denoiser::new(Method::Wrls2, Settings::default()).unwrap();
     let mut denoise = |(color, ahead): (&Vec<Vec3>, &Ahead)| {
         let frame = Frame { size: [SIDE; 2], color, motion: back, alpha, ahead: Some(ahead) };
-        denoiser.denoise(&frame).unwrap().color
+        let denoised = denoiser.denoise(&frame).unwrap();
+        (denoised.color, denoised.estimate)
     };
-    let found = frames.iter().zip(&aheads).map(&mut denoise).collect();
-    Drawn { truth, frames, found }
+    let (found, estimates) = frames.iter().zip(&aheads).map(&mut denoise).unzip();
+    Drawn { truth, frames, found, estimates }
 }
 
 fn checkers(_: f32, x: f32, y: f32) -> f32 {
@@ -265,7 +267,7 @@ fn no_frame_is_harmed() {
         ("waves", waves, slow, 55.0),
     ] {
         for deviation in [0.0, 0.01, 0.1] {
-            let Drawn { truth, frames, found } = drawn(picture, deviation, motion, false);
+            let Drawn { truth, frames, found, .. } = drawn(picture, deviation, motion, false);
             let gain = |f: usize| decibels(&found[f], &truth[f]) - decibels(&frames[f], &truth[f]).min(most);
             let worst = (0..FRAMES as usize).min_by(|a, b| gain(*a).total_cmp(&gain(*b))).unwrap();
             println!("{name}, noise {deviation}: at worst {:+.1} dB, in frame {worst}", gain(worst));
@@ -273,5 +275,46 @@ fn no_frame_is_harmed() {
             let least = if name == "cut" && deviation == 0.1 { -0.6 } else { -0.1 };
             assert!(gain(worst) >= least, "{name}, noise {deviation}: {} in frame {worst}", gain(worst));
         }
+    }
+}
+
+/// Noise and error are told without a reference wherever the frames around show the same signal, and nothing is told where
+/// they do not: of noise-free frames, a spot that moves without a motion, and texture that resampling loses.
+#[test]
+fn errors_are_told_or_said_to_be_unknown() {
+    let spot: Picture = |t, x, y| (-((x - 15.0 - 2.5 * t).powi(2) + (y - 45.0).powi(2)) / 150.0).exp();
+    let shades: Picture = |t, x, y| shade(t, x - 0.37 * t, y - 0.21 * t);
+    let fast: Picture = |t, x, y| 0.5 + 0.2 * (2.6 * (x - 0.37 * t)).sin() * (2.4 * (y - 0.21 * t)).sin();
+    let slow = Vec2::new(0.37, 0.21);
+    // The last numbers are the least and the largest difference in decibels of what is told: errors a hundredth of the
+    // noise and less are of the size of chance.
+    for (name, picture, motion, deviation, told) in [
+        ("checkers", checkers as Picture, Vec2::ZERO, 0.01, Some([-0.5, 0.5])),
+        ("checkers", checkers, Vec2::ZERO, 0.1, Some([-0.5, 0.5])),
+        ("smooth", shade, Vec2::ZERO, 0.1, Some([-3.0, 1.0])),
+        ("shades", shades, slow, 0.1, Some([-3.0, 1.0])),
+        ("checkers", checkers, Vec2::ZERO, 0.0, None),
+        ("spot without motion", spot, Vec2::ZERO, 0.01, None),
+        ("fast waves", fast, slow, 0.001, None),
+    ] {
+        let Drawn { truth, frames, found, estimates } = drawn(picture, deviation, motion, false);
+        assert!(estimates[0].is_none() && estimates[FRAMES as usize - 1].is_none(), "{name}");
+        let known: Vec<usize> = (0..FRAMES as usize).filter(|f| estimates[*f].is_some()).collect();
+        let all = known.iter().fold(Estimate::default(), |all, f| all.plus(estimates[*f].unwrap()));
+        assert_eq!(all.fits(), told.is_some(), "{name}, noise {deviation}");
+        let Some([least, most]) = told else { continue };
+        let rms = |pictures: &[Vec<Vec3>]| {
+            let mean = known.iter().map(|f| 10_f64.powf(-0.1 * decibels(&pictures[*f], &truth[*f]))).sum::<f64>();
+            (mean / known.len() as f64).sqrt()
+        };
+        let [noise, error] = [rms(&frames), rms(&found)];
+        let off = 20.0 * (error / all.error()).log10();
+        println!(
+            "{name}, noise {deviation}: {:.4} of {noise:.4}, error {:.5} of {error:.5}, {off:+.2} dB",
+            all.noise(),
+            all.error()
+        );
+        assert!((all.noise() / noise - 1.0).abs() < 0.03, "{name}: {} of {noise}", all.noise());
+        assert!((least..most).contains(&off) && error < all.error_high(), "{name}: {off} dB, {error}, {all:?}");
     }
 }

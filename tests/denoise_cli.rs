@@ -400,8 +400,14 @@ fn every_view_is_denoised() {
         write("moving", [both, vector.to_vec()].concat(), &["left", "right"]);
         write("right", colors("", &r).to_vec(), &[]);
     }
-    let report = work.json("denoise stereo.####.exr -o both.####.exr --confidence");
+    let report = work.json("denoise stereo.####.exr -o both.####.exr --confidence --error");
     assert_eq!((&report["denoised"], &report["cuts"]), (&Value::from(6), &serde_json::json!([])));
+    // The frames tell their noise and what is left of it, without a reference.
+    let deviation = (0.5 * (left.powi(2) + right.powi(2))).sqrt() * 0.289;
+    let estimate = &report["estimate"];
+    let [noise, high] = ["noise", "error_high"].map(|key| estimate[key].as_f64().unwrap() as f32);
+    assert_eq!(estimate["frames"], 4);
+    assert!((noise / deviation - 1.0).abs() < 0.1 && high < 0.3 * noise, "{deviation}: {estimate}");
     work.json("denoise right.####.exr -o alone.####.exr");
     let [both, alone] = ["both.0003.exr", "alone.0003.exr"].map(|name| document(&work.path(name)));
     for (layer, mean) in [("", left), ("right", right)] {
@@ -412,6 +418,17 @@ fn every_view_is_denoised() {
     assert_eq!(plane(&both, "right", "R"), plane(&alone, "", "R"));
     assert_eq!(plane(&both, "matte", "R"), grain(3, left));
     assert_eq!(plane(&both, "confidence", "N").len(), plane(&both, "confidence.right", "N").len());
+    for (layer, mean) in [("noise", left), ("noise.right", right)] {
+        let map = plane(&both, layer, "V");
+        assert!(map.iter().all(|noise| (0.15 * mean..0.45 * mean).contains(noise)), "{layer}: {map:?}");
+    }
+    for layer in ["error", "error.right"] {
+        assert!(plane(&both, layer, "V").iter().all(|error| *error > 0.0), "{layer}");
+    }
+    let first = document(&work.path("both.0000.exr"));
+    assert!(plane(&first, "error", "V").iter().all(|error| *error == -1.0));
+    work.refused("denoise stereo.####.exr -o no.####.exr --error --method ema", &["--error", "wrls2"]);
+    work.refused("denoise stereo.####.exr -o no.####.exr --error --direction forward", &["--error", "both"]);
     // What only one view has is refused by name, and so is motion of one view alone.
     work.refused("denoise stereo.####.exr -o no.####.exr --layers matte", &["view 'right'", "'matte'", "--layers"]);
     work.refused("denoise moving.####.exr -o no.####.exr", &["view 'right'", "layer 'Vector'", "--motion none"]);

@@ -304,6 +304,21 @@ class Renewed(Report):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """Noise that came in and error that is left, as frames tell them without a reference: root mean squares."""
+
+    frames: int
+    noise: float
+    error: float
+    error_high: float
+    """Upper end of the 95 % interval of the error, as far as the estimate errs by chance."""
+    gain_db: float | None = None
+    relative_error: float
+    as_it_was: float
+    """Share of the picture that is much as it was."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Denoised(Report):
     """A denoised sequence; `output` is the pattern of its frames' names."""
 
@@ -318,6 +333,7 @@ class Denoised(Report):
     filled_frames: list[int]
     at_rest: bool
     alpha_contradicts: bool
+    estimate: Accuracy | None = None
     seconds: float
     seconds_denoising: float
 

@@ -123,7 +123,9 @@ impl Pool {
     }
 }
 
-/// Solves for the models of a row of blocks from their sums, pooled over the blocks within `radius`. Writes the coefficients plane after plane, and returns the pooled counts to `counts`.
+/// Solves for the models of a row of blocks from their sums, pooled over the blocks within `radius`. Writes the
+/// coefficients plane after plane, the pooled counts, and the coefficients that the colors determine as shares of the
+/// counts.
 #[inline(always)]
 pub fn solve_row(
     sums: &Planes,
@@ -132,6 +134,7 @@ pub fn solve_row(
     pool: &mut Pool,
     coefficients: &mut [f32],
     counts: &mut [f32],
+    determined: &mut [f32],
 ) {
     let stride = sums.grid.stride();
     let own = (0..TERMS).map(|plane| (plane, radius));
@@ -146,28 +149,32 @@ pub fn solve_row(
         for (plane, wide) in wide.iter_mut().enumerate() {
             *wide = pooled[(TERMS + plane) * vectors + vector];
         }
-        for (plane, lanes) in solve(&terms, &wide).into_iter().enumerate() {
+        let (found, freedom) = solve(&terms, &wide);
+        for (plane, lanes) in found.into_iter().enumerate() {
             lanes.store(coefficients, plane * stride + vector * LANES);
         }
+        (freedom / (terms[0] + Lanes([LEAST_PIVOT; LANES]))).store(determined, vector * LANES);
     }
     for vector in 0..vectors {
         pooled[vector].store(counts, vector * LANES);
     }
 }
 
-/// Returns the coefficients of eight models from their sums.
+/// Returns the coefficients of eight models from their sums, and their degrees of freedom by channel: four less what
+/// the ridge determines.
 ///
 /// The equations `(R + ridge) (β - β₀) = m - R β₀`, where β₀ predicts the feature, are solved by `L D Lᵀ`. The ridge is a share
 /// of the diagonal of R, here and over a wider neighbourhood (`wide`): where a dark block lies beside bright ones, its
 /// coefficients meet their features. It keeps every pivot above what rounding takes from it, for colors of any brightness.
 #[inline(always)]
-fn solve(terms: &[Lanes; TERMS], wide: &[Lanes; 4]) -> [Lanes; COEFFICIENTS] {
+fn solve(terms: &[Lanes; TERMS], wide: &[Lanes; 4]) -> ([Lanes; COEFFICIENTS], Lanes) {
     let [n, z0, z1, z2, z00, z01, z02, z11, z12, z22, ..] = *terms;
     let color = |channel: usize| terms[10 + channel];
     let product = |z: usize, channel: usize| terms[13 + 3 * z + channel];
     // As many pixels as in the neighbourhood itself.
     let share = n / (wide[0] + LEAST_PIVOT);
-    let pivot = |d: Lanes, wide: Lanes| d + (d + wide * share) * RIDGE + LEAST_PIVOT;
+    let ridge = |d: Lanes, wide: Lanes| (d + wide * share) * RIDGE + LEAST_PIVOT;
+    let pivot = |d: Lanes, wide: Lanes| d + ridge(d, wide);
     let one = Lanes([1.0; LANES]);
     let inverse = |d: Lanes| one / d.max(Lanes([LEAST_PIVOT; LANES]));
     let i0 = inverse(pivot(n, wide[0]));
@@ -199,7 +206,20 @@ fn solve(terms: &[Lanes; TERMS], wide: &[Lanes; 4]) -> [Lanes; COEFFICIENTS] {
             found[3 * row + channel] = x + prior;
         }
     }
-    found
+    // The trace of (R + ridge)⁻¹ R, by the diagonal of the inverse, which is that of L⁻ᵀ D⁻¹ L⁻¹.
+    let (m20, m31) = (l21 * l10 - l20, l32 * l21 - l31);
+    let m30 = Lanes::ZERO - l30 - l31 * (Lanes::ZERO - l10) - l32 * m20;
+    let diagonal = [
+        ((i0 + l10 * l10 * i1) + m20 * m20 * i2) + m30 * m30 * i3,
+        (i1 + l21 * l21 * i2) + m31 * m31 * i3,
+        i2 + l32 * l32 * i3,
+        i3,
+    ];
+    let mut freedom = Lanes([4.0; LANES]);
+    for (row, own) in [n, z00, z11, z22].into_iter().enumerate() {
+        freedom = freedom - ridge(own, wide[row]) * diagonal[row];
+    }
+    (found, freedom.max(Lanes::ZERO))
 }
 
 /// Rows of planes by block, interpolated to a row of pixels.

@@ -6,42 +6,53 @@ use super::lanes::{LANES, Lanes};
 use super::reprojection::around;
 use crate::arch::Arch;
 use glam::Vec2;
+use rayon::prelude::*;
 
-/// Moves the sums of a row of blocks along with the motion; zeros where they come from outside, or where there are
-/// none.
-#[inline(always)]
-pub fn carry<const N: usize>(frame: &Frame<'_>, grid: Grid, blocks: &[[f32; N]], row: usize, moved: &mut [[f32; N]]) {
-    for (column, moved) in moved.iter_mut().enumerate() {
-        *moved = [0.0; N];
-        if blocks.is_empty() {
-            continue;
-        }
-        let motion = match frame.motion {
-            Some(motion) => mean_motion(motion, frame.size, [column, row]),
-            None => Some(Vec2::ZERO),
-        };
-        if let Some(motion) = motion {
-            let place = Vec2::new(column as f32, row as f32) + motion / BLOCK as f32;
-            if let Some(found) = around([grid.columns, grid.rows], place) {
-                *moved = found.sum(blocks);
+/// Writes the mean motion of the pixels of each block that have one; not a number where none does. Without motion
+/// there are none.
+pub fn mean_motions(frame: &Frame<'_>, grid: Grid, to: &mut Vec<Vec2>) {
+    to.clear();
+    if let Some(motion) = frame.motion {
+        to.resize(grid.rows * grid.columns, Vec2::NAN);
+        let rows = to.par_chunks_mut(grid.columns).zip(motion.par_chunks(BLOCK * frame.size[0]));
+        rows.with_min_len(8).for_each(|(to, motion)| {
+            for (column, to) in to.iter_mut().enumerate() {
+                *to = mean_motion(motion, frame.size[0], column);
             }
-        }
+        });
     }
 }
 
-/// Returns the mean motion of the pixels of a block that have one; `None` if none does.
-#[inline(always)]
-fn mean_motion(motion: &[Vec2], [width, height]: [usize; 2], [column, row]: [usize; 2]) -> Option<Vec2> {
+/// Returns the mean motion of the pixels of a block that have one, from the rows of its row of blocks; not a number if
+/// none does.
+fn mean_motion(motion: &[Vec2], width: usize, column: usize) -> Vec2 {
     let (mut sum, mut count) = (Vec2::ZERO, 0.0);
-    for y in row * BLOCK..(row * BLOCK + BLOCK).min(height) {
-        for motion in &motion[y * width..][column * BLOCK..(column * BLOCK + BLOCK).min(width)] {
+    for row in motion.chunks(width) {
+        for motion in &row[column * BLOCK..(column * BLOCK + BLOCK).min(width)] {
             if motion.is_finite() {
                 sum += *motion;
                 count += 1.0;
             }
         }
     }
-    (count > 0.0).then(|| sum / count)
+    sum / count
+}
+
+/// Moves the sums of a row of blocks along with the motions of blocks; zeros where they come from outside, or where
+/// there are none.
+#[inline(always)]
+pub fn carry<const N: usize>(motions: &[Vec2], grid: Grid, blocks: &[[f32; N]], row: usize, moved: &mut [[f32; N]]) {
+    let place = row * grid.columns;
+    if blocks.is_empty() {
+        moved.fill([0.0; N]);
+    } else if motions.is_empty() {
+        moved.copy_from_slice(&blocks[place..][..grid.columns]);
+    } else {
+        for (column, (moved, motion)) in moved.iter_mut().zip(&motions[place..]).enumerate() {
+            let place = Vec2::new(column as f32, row as f32) + *motion / BLOCK as f32;
+            *moved = around([grid.columns, grid.rows], place).map_or([0.0; N], |found| found.sum(blocks));
+        }
+    }
 }
 
 /// Writes the sums of a row of blocks plane after plane.

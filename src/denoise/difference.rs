@@ -46,7 +46,8 @@ pub fn whole(halved: &Halved) -> Difference {
         *to = Lanes(each(|lane| f32::from_bits(u32::from(channel[lane]) << 16)));
     }
     let known = finite(&[to[0], to[1], to[2]]);
-    [to[0], to[1], to[2], known].map(|channel| known.select(channel, Lanes::ZERO))
+    let of = |channel: Lanes| known.select(channel, Lanes::ZERO);
+    [of(to[0]), of(to[1]), of(to[2]), known]
 }
 
 #[cfg(test)]

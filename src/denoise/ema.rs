@@ -59,6 +59,6 @@ impl Ema {
         let next: Vec<[f32; 4]> = (0..frame.color.len()).into_par_iter().with_min_len(1024).map(pixel).collect();
         self.history = next;
         let color = self.history.iter().map(|[r, g, b, _]| Vec3::new(*r, *g, *b)).collect();
-        Ok(Denoised { color, confidence: self.history.iter().map(|pixel| pixel[3]).collect() })
+        Ok(Denoised { color, confidence: self.history.iter().map(|pixel| pixel[3]).collect(), ..Denoised::default() })
     }
 }

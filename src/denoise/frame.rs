@@ -1,6 +1,7 @@
 //! A frame, as it comes and denoised.
 
 use super::ahead::Ahead;
+use super::estimate::Estimate;
 use crate::error::{Error, Result};
 use glam::{Vec2, Vec3};
 
@@ -46,4 +47,9 @@ pub struct Denoised {
     pub color: Vec<Vec3>,
     /// Number of samples that each color rests on, counted by their weights and ages.
     pub confidence: Vec<f32>,
+    /// Estimate of the noise that came in and of the error that is left, where frames before and after tell it.
+    pub estimate: Option<Estimate>,
+    /// Root mean squares of the noise that came in and of the error that is left, around each pixel; negative where
+    /// unknown. Empty if no map is wanted, or none can be told.
+    pub map: Vec<[f32; 2]>,
 }

@@ -6,11 +6,11 @@
 //! blocks of pixels around ([`blocks`](super::blocks)), which takes the place of a blend of neighbouring models.
 
 use super::blocks::{BLOCK, COEFFICIENTS, Grid, Interpolated, Planes, Pool, solve_row};
-use super::carried::{carry, to_planes};
+use super::carried::{self, carry, to_planes};
 use super::detail;
 use super::difference::Halved;
 use super::frame::{Denoised, Frame};
-use super::history::{Histories, Past, coding_of_first};
+use super::history::{Histories, Past};
 use super::lanes::{LANES, Lanes};
 use super::learning::{self, Lines, STATE, Sums};
 use super::outline::Outline;
@@ -20,7 +20,7 @@ use super::smoothing::{self, Rows, Smoothing};
 use super::vectors::{Colors, Features, vectors};
 use crate::arch::Arch;
 use crate::error::Result;
-use glam::Vec3;
+use glam::Vec2;
 use rayon::prelude::*;
 
 /// Share of what was learned that is kept from frame to frame.
@@ -56,6 +56,8 @@ struct State {
 /// Memory that frames reuse.
 #[derive(Debug, Default)]
 struct Scratch {
+    /// Mean motions of the blocks.
+    motions: Vec<Vec2>,
     /// The state that comes.
     pixels: Vec<Packed>,
     blocks: Vec<Sums>,
@@ -69,8 +71,9 @@ struct Scratch {
     sums: Planes,
     /// Totals of each row of blocks.
     rows: Vec<RowSums>,
-    /// Models that predict the frame.
+    /// Models that predict the frame, and their degrees of freedom as shares of what they rest on.
     predicting: Planes,
+    determined: Planes,
     /// Sums of detail that come, block by block and plane after plane, and the shares that follow from them.
     details: Vec<detail::Sums>,
     detail_sums: Planes,
@@ -83,12 +86,14 @@ pub struct GuidedDenoiser {
     state: State,
     scratch: Scratch,
     residuals: Residuals,
+    /// True if maps of noise and error are wanted.
+    pub mapped: bool,
 }
 
 impl GuidedDenoiser {
     /// Forgets all, as at a cut, and frees the memory.
     pub fn reset(&mut self) {
-        *self = Self::default();
+        *self = Self { mapped: self.mapped, ..Self::default() };
     }
 
     /// Denoises the next frame into `to`, whose memory is used again. A frame of another size begins anew.
@@ -100,11 +105,12 @@ impl GuidedDenoiser {
         let grid = Grid::over(frame.size);
         if self.state.size != frame.size {
             let blocks = grid.rows * grid.columns;
-            let coding = coding_of_first(frame);
-            let past = Past { coding, ..Past::default() };
+            let past = Past::before_first(frame);
+            let coding = past.coding;
             self.residuals = Residuals::default();
             self.state = State { size: frame.size, past, coding, ..State::default() };
             self.scratch = Scratch {
+                motions: Vec::new(),
                 pixels: vec![Packed::default(); frame.color.len()],
                 blocks: vec![[0.0; STATE]; blocks],
                 features: vec![Features::default(); frame.size[1] * vectors(frame.size[0])],
@@ -114,22 +120,26 @@ impl GuidedDenoiser {
                 sums: Planes::new(grid, STATE),
                 rows: vec![RowSums::default(); grid.rows],
                 predicting: Planes::new(grid, PREDICTING),
+                determined: Planes::new(grid, 1),
                 details: vec![[0.0; LANES]; blocks],
                 detail_sums: Planes::new(grid, LANES),
                 shares: Planes::new(grid, detail::SHARES),
             };
         }
         let outline = Outline::of(frame);
+        carried::mean_motions(frame, grid, &mut self.scratch.motions);
         let kept = self.learn(frame, grid, outline);
         self.solve(grid);
-        self.learn_detail(frame, grid, kept);
+        self.learn_detail(frame.size[0], grid, kept);
         self.predict(frame.size, grid, to);
         let (colors, floor) = (&self.scratch.features[..], learning::error_floor(self.state.level));
-        let before = &self.scratch.differences[..];
+        let (before, motions) = (&self.scratch.differences[..], &self.scratch.motions[..]);
         let alone = self.state.bases[..2] == [false; 2];
-        let denoised = residual::Denoised { frame, grid, colors, before, alpha: outline.alpha, floor, kept, alone };
-        to.color.resize(frame.color.len(), Vec3::ZERO);
-        self.residuals.give_back(&denoised, &mut to.color);
+        let (alpha, mapped) = (outline.alpha, self.mapped);
+        let own = &self.scratch.determined;
+        let denoised =
+            residual::Denoised { frame, grid, motions, own, colors, before, alpha, floor, kept, alone, mapped };
+        self.residuals.give_back(&denoised, to);
         Ok(())
     }
 
@@ -138,26 +148,26 @@ impl GuidedDenoiser {
     fn learn(&mut self, frame: &Frame<'_>, grid: Grid, outline: Outline<'_>) -> f32 {
         let [width, height] = frame.size;
         let groups = vectors(width);
-        let Scratch { pixels, blocks, features, histories: own, colors, differences, sums, rows: of_rows, .. } =
+        let Scratch { motions, pixels, blocks, features, histories: own, colors, differences, sums, rows, .. } =
             &mut self.scratch;
         let arch = Arch::default();
         let State { past, coding, .. } = &self.state;
         let histories = Histories { past, coding: *coding, frame, arch };
         let smoothing = Smoothing { histories, ahead: frame.ahead, outline };
         let is_ahead = frame.ahead.is_some_and(|ahead| ahead.frames() > 0);
-        let bases = [!past.pixels.is_empty(), is_ahead, outline.alpha.is_some()];
+        let bases = [!past.is_fresh, is_ahead, outline.alpha.is_some()];
         let kept = if bases == self.state.bases { FORGETTING } else { FORGETTING_AT_ENDS };
-        let known = Known { smoothing, blocks: &self.state.blocks, kept, grid };
+        let known = Known { smoothing, motions, blocks: &self.state.blocks, kept, grid };
         let band = super::band_rows(height);
         let taken = features.par_chunks_mut(band * groups).zip(own.par_chunks_mut(band * groups));
         let learned = colors.par_chunks_mut(band * groups).zip(differences.par_chunks_mut(band * groups));
-        let rows = pixels.par_chunks_mut(band * width).zip(taken.zip(learned));
+        let of_pixels = pixels.par_chunks_mut(band * width).zip(taken.zip(learned));
         let band_blocks = band / BLOCK;
         let of_blocks = blocks
             .par_chunks_mut(band_blocks * grid.columns)
             .zip(sums.data.par_chunks_mut(band_blocks * STATE * grid.stride()))
-            .zip(of_rows.par_chunks_mut(band_blocks));
-        rows.zip(of_blocks).enumerate().for_each_init(
+            .zip(rows.par_chunks_mut(band_blocks));
+        of_pixels.zip(of_blocks).enumerate().for_each_init(
             smoothing::Scratch::default,
             |scratch, (at, ((pixels, ((features, histories), (colors, differences))), ((blocks, planes), of_rows)))| {
                 let rows = Rows { pixels, features, histories, colors, differences };
@@ -165,27 +175,29 @@ impl GuidedDenoiser {
             },
         );
         // In order, so that the sum is the same for any number of threads.
-        let all = of_rows.iter().fold(RowSums::default(), |all, row| all.plus(row));
+        let all = rows.iter().fold(RowSums::default(), |all, row| all.plus(row));
         if all.count > 0.0 {
             self.state.level = (all.power / all.count).sqrt() as f32;
         }
         self.state.bases = bases;
         std::mem::swap(&mut self.state.past.pixels, &mut self.scratch.pixels);
+        self.state.past.is_fresh = false;
         (self.state.past.coding, self.state.coding) = (self.state.coding, Coding::of(all.extremes));
         std::mem::swap(&mut self.state.blocks, &mut self.scratch.blocks);
         // The next frame of a fresh state has swapped in empty ones.
-        self.scratch.pixels.resize(self.state.past.pixels.len(), Packed::default());
         self.scratch.blocks.resize(self.state.blocks.len(), [0.0; STATE]);
         kept
     }
 
     /// Puts what the models predict in the place of the features, learns which detail of the histories is signal, and
     /// solves for its shares.
-    fn learn_detail(&mut self, frame: &Frame<'_>, grid: Grid, kept: f32) {
-        let groups = vectors(frame.size[0]);
+    fn learn_detail(&mut self, width: usize, grid: Grid, kept: f32) {
+        let groups = vectors(width);
         let State { level, details: before, .. } = &self.state;
-        let Scratch { features, histories, colors, predicting, details, detail_sums, shares, .. } = &mut self.scratch;
-        let known = Predicting { frame, grid, predicting, details: before, floor: learning::error_floor(*level), kept };
+        let Scratch { motions, features, histories, colors, predicting, details, detail_sums, shares, .. } =
+            &mut self.scratch;
+        let floor = learning::error_floor(*level);
+        let known = Predicting { width, grid, motions, predicting, details: before, floor, kept };
         let of_pixels = features
             .par_chunks_mut(BLOCK * groups)
             .zip(histories.par_chunks(BLOCK * groups))
@@ -211,11 +223,11 @@ impl GuidedDenoiser {
 
     /// Solves for the models.
     fn solve(&mut self, grid: Grid) {
-        let Scratch { sums, predicting, .. } = &mut self.scratch;
+        let Scratch { sums, predicting, determined, .. } = &mut self.scratch;
         let (sums, stride) = (&*sums, grid.stride());
-        let rows = predicting.data.par_chunks_mut(PREDICTING * stride).enumerate();
-        rows.with_min_len(8).for_each_init(Pool::default, |pool, (row, predicting)| {
-            Arch::default().dispatch(Solve { sums, row, pool, predicting });
+        let planes = predicting.data.par_chunks_mut(PREDICTING * stride).zip(determined.data.par_chunks_mut(stride));
+        planes.enumerate().with_min_len(8).for_each_init(Pool::default, |pool, (row, (predicting, determined))| {
+            Arch::default().dispatch(Solve { sums, row, pool, predicting, determined });
         });
     }
 
@@ -254,6 +266,8 @@ impl RowSums {
 /// State and inputs when a frame is learned.
 struct Known<'k> {
     smoothing: Smoothing<'k>,
+    /// Mean motions of the blocks.
+    motions: &'k [Vec2],
     /// Sums after the frame before; empty at the first frame.
     blocks: &'k [Sums],
     /// Share of the sums that is kept.
@@ -280,11 +294,11 @@ impl pulp::NullaryFnOnce for Learn<'_> {
     fn call(self) {
         let Self { known, top, rows, blocks, planes, of_rows, scratch } = self;
         let Rows { pixels, features, histories, colors, differences } = rows;
-        let Known { smoothing, grid, kept, .. } = *known;
+        let Known { smoothing, motions, grid, kept, .. } = *known;
         let Histories { frame, arch, .. } = smoothing.histories;
         let groups = vectors(frame.size[0]);
         for (row, blocks) in blocks.chunks_mut(grid.columns).enumerate() {
-            carry(frame, grid, known.blocks, top / BLOCK + row, blocks);
+            carry(motions, grid, known.blocks, top / BLOCK + row, blocks);
         }
         let extremes = smoothing.band(top, Rows { pixels, features, histories, colors, differences }, scratch);
         let lines = features.chunks(BLOCK * groups).zip(colors.chunks(BLOCK * groups));
@@ -308,6 +322,7 @@ struct Solve<'a> {
     row: usize,
     pool: &'a mut Pool,
     predicting: &'a mut [f32],
+    determined: &'a mut [f32],
 }
 
 impl pulp::NullaryFnOnce for Solve<'_> {
@@ -315,16 +330,19 @@ impl pulp::NullaryFnOnce for Solve<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { sums, row, pool, predicting } = self;
+        let Self { sums, row, pool, predicting, determined } = self;
         let (coefficients, counts) = predicting.split_at_mut(predicting.len() / PREDICTING * COEFFICIENTS);
-        solve_row(sums, row, POOL, pool, coefficients, counts);
+        solve_row(sums, row, POOL, pool, coefficients, counts, determined);
     }
 }
 
 /// Models, and sums of detail before, when the detail of a frame is learned.
 struct Predicting<'k> {
-    frame: &'k Frame<'k>,
+    /// Columns of pixels.
+    width: usize,
     grid: Grid,
+    /// Mean motions of the blocks.
+    motions: &'k [Vec2],
     /// Models that predict the frame.
     predicting: &'k Planes,
     /// Sums of detail after the frame before; empty at the first frame.
@@ -358,15 +376,15 @@ impl pulp::NullaryFnOnce for LearnDetail<'_> {
     #[inline(always)]
     fn call(self) {
         let Self { known, row, lines: DetailLines { features, histories, colors }, models, blocks, planes } = self;
-        let Predicting { frame, grid, predicting, details, floor, kept } = *known;
-        let (groups, arch) = (vectors(frame.size[0]), Arch::default());
+        let Predicting { width, grid, motions, predicting, details, floor, kept } = *known;
+        let (groups, arch) = (vectors(width), Arch::default());
         for (at, features) in features.chunks_mut(groups).enumerate() {
             models.take(grid, row * BLOCK + at, predicting);
             for (at, z) in features.iter_mut().enumerate() {
                 *z = predicted(models, at, *z);
             }
         }
-        carry(frame, grid, details, row, blocks);
+        carry(motions, grid, details, row, blocks);
         detail::add(&detail::Lines { predicted: features, histories, colors, groups }, floor, kept, arch, blocks);
         to_planes(arch, blocks, planes, grid.stride());
     }

@@ -33,20 +33,37 @@ const LARGEST: f32 = 1e12;
 /// Histories of all pixels after a frame.
 #[derive(Debug, Clone, Default)]
 pub struct Past {
-    /// The history of each pixel's color and alpha, the count of its frames, and the color of the frame alone. Empty
-    /// before the first frame.
+    /// The history of each pixel's color and alpha, the count of its frames, and the color of the frame alone.
     pub pixels: Vec<Packed>,
     /// Coding of the colors.
     pub coding: Coding,
+    /// True before the first frame: its own colors stand for the histories, over no frames.
+    pub is_fresh: bool,
 }
 
-/// Returns the coding of the histories that begin with a frame.
-pub fn coding_of_first(frame: &Frame<'_>) -> Coding {
-    let [width, height] = frame.size;
-    let of = |[least, most]: [f32; 2], color: Vec3| [least.min(color.min_element()), most.max(color.max_element())];
-    let row = |y: usize| (0..width).map(|x| calm(frame, [x, y])).fold([0.0; 2], of);
-    // The least and the greatest of numbers do not depend on their order.
-    Coding::of((0..height).into_par_iter().map(row).reduce(|| [0.0; 2], |a, b| [a[0].min(b[0]), a[1].max(b[1])]))
+impl Past {
+    /// Returns what stands for the histories before a first frame.
+    pub fn before_first(frame: &Frame<'_>) -> Self {
+        let [width, height] = frame.size;
+        let of_row = |y: usize| (0..width).map(move |x| calm(frame, [x, y]));
+        let colors: Vec<Vec3> = (0..height).into_par_iter().flat_map_iter(of_row).collect();
+        let of =
+            |[least, most]: [f32; 2], color: &Vec3| [least.min(color.min_element()), most.max(color.max_element())];
+        // The least and the greatest of numbers do not depend on their order.
+        let extremes =
+            colors.par_iter().fold(|| [0.0; 2], of).reduce(|| [0.0; 2], |a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        let coding = Coding::of(extremes);
+        let alphas = |at: usize| frame.alpha.map_or(0.0, |alpha| alpha[at]);
+        let pixels = colors.par_iter().enumerate().map(|(at, color)| fresh(coding, *color, alphas(at)));
+        Self { pixels: pixels.map(|pixel| packed::pack(pixel)).collect(), coding, is_fresh: true }
+    }
+}
+
+/// Returns a pixel that has no history yet.
+fn fresh(coding: Coding, color: Vec3, alpha: f32) -> Lanes {
+    let coded = coding.encode(Lanes([color.x, color.y, color.z, 0.0, 0.0, 0.0, 0.0, 0.0])).0;
+    let alpha = if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 0.0 };
+    Lanes([coded[0], coded[1], coded[2], alpha, 0.0, 0.0, 0.0, 0.0])
 }
 
 /// Histories of the frame before, beside the frame that comes.
@@ -68,12 +85,22 @@ impl Histories<'_> {
     #[inline(always)]
     pub fn warp(&self, y: usize, lines: &mut [f32], line: usize) {
         let [width, _] = self.frame.size;
-        let motion = self.frame.motion.map(|motion| &motion[y * width..][..width]);
+        let motion = self.frame.motion.filter(|_| !self.past.is_fresh).map(|motion| &motion[y * width..][..width]);
+        let row = &self.past.pixels[y * width..][..width];
         let coding = self.past.coding;
         for left in (0..width).step_by(LANES) {
             let mut found = [[0.0; LANES]; LANES];
-            for (x, found) in (left..width).zip(&mut found) {
-                *found = self.before([x, y], motion.map_or(Vec2::ZERO, |motion| motion[x]));
+            if let Some(motion) = motion.map(|motion| &motion[left..]) {
+                let of = |axis: usize| Lanes(each(|lane| motion.get(lane).map_or(0.0, |motion| motion[axis])));
+                let places = [Lanes(each(|lane| (left + lane) as f32)) + of(0), Lanes([y as f32; LANES]) + of(1)];
+                let taps = Taps::around(self.frame.size, places);
+                for ((lane, motion), found) in motion.iter().enumerate().zip(&mut found) {
+                    *found = self.before([left + lane, y], *motion, &taps, lane).0;
+                }
+            } else {
+                for (pixel, found) in row[left..].iter().zip(&mut found) {
+                    *found = packed::unpack(pixel).0;
+                }
             }
             let planes = self.arch.transposed(&found);
             for (plane, numbers) in planes.into_iter().enumerate() {
@@ -89,27 +116,24 @@ impl Histories<'_> {
 
     /// Returns a pixel as it was in the frame before, or as it is now if it was not seen.
     #[inline(always)]
-    fn before(&self, [x, y]: [usize; 2], motion: Vec2) -> [f32; LANES] {
-        let Past { pixels, coding } = self.past;
-        let own = y * self.frame.size[0] + x;
-        if !pixels.is_empty() {
-            if motion == Vec2::ZERO {
-                return packed::unpack(&pixels[own]).0;
-            }
-            let place = Vec2::new(x as f32, y as f32) + motion;
-            if let Some(taps) = Taps::around(self.frame.size, place) {
-                return packed::resampled(pixels, self.frame.size[0], &taps).0;
-            }
-            if let Some(found) = around(self.frame.size, place) {
+    fn before(&self, [x, y]: [usize; 2], motion: Vec2, taps: &Taps, lane: usize) -> Lanes {
+        let (pixels, size) = (&self.past.pixels[..], self.frame.size);
+        if motion == Vec2::ZERO {
+            return packed::unpack(&pixels[y * size[0] + x]);
+        }
+        if let Some(first) = taps.first(lane, size[0]) {
+            return packed::resampled(pixels, size[0], first, taps.shares(0, lane), taps.shares(1, lane));
+        }
+        match around(size, Vec2::new(x as f32, y as f32) + motion) {
+            Some(found) => {
                 let shares = found.share.map(|share| share / found.covered);
-                return packed::mean(found.at.map(|place| &pixels[place]), shares).0;
+                packed::mean(found.at.map(|place| &pixels[place]), shares)
+            }
+            None => {
+                let alpha = self.frame.alpha.map_or(0.0, |alpha| alpha[y * size[0] + x]);
+                fresh(self.past.coding, calm(self.frame, [x, y]), alpha)
             }
         }
-        let [r, g, b] = calm(self.frame, [x, y]).to_array();
-        let coded = coding.encode(Lanes([r, g, b, 0.0, 0.0, 0.0, 0.0, 0.0])).0;
-        let alpha = self.frame.alpha.map_or(0.0, |alpha| alpha[own]);
-        let alpha = if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 0.0 };
-        [coded[0], coded[1], coded[2], alpha, 0.0, 0.0, 0.0, 0.0]
     }
 
     /// Returns the alphas of eight pixels of a row from `left` on.
@@ -214,12 +238,12 @@ pub fn with_alpha(before: Lanes, count: Lanes, now: Lanes) -> Lanes {
 /// finite; 0 elsewhere.
 #[inline(always)]
 pub fn loaded(row: &[Vec3]) -> ([Lanes; 3], Lanes) {
-    let mut color = [Lanes([f32::NAN; LANES]); 3];
-    for (lane, found) in row.iter().enumerate().take(LANES) {
-        color[0].0[lane] = found.x;
-        color[1].0[lane] = found.y;
-        color[2].0[lane] = found.z;
-    }
+    let mut all = [Vec3::NAN; LANES];
+    let row = row.first_chunk().unwrap_or_else(|| {
+        all[..row.len()].copy_from_slice(row);
+        &all
+    });
+    let mut color: [Lanes; 3] = each(|c| Lanes(each(|lane| row[lane][c])));
     let mut seen = Lanes::ZERO;
     for lane in 0..LANES {
         // Of numbers that are not finite the product is not a number.

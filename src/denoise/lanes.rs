@@ -60,6 +60,16 @@ impl Lanes {
         }
     }
 
+    /// Returns the products with other numbers, added to more, each rounded once.
+    #[inline(always)]
+    pub fn mul_add(self, by: Self, more: Self) -> Self {
+        let mut to = self.0;
+        for i in 0..LANES {
+            to[i] = self.0[i].mul_add(by.0[i], more.0[i]);
+        }
+        Self(to)
+    }
+
     /// Returns the greater of each pair.
     #[inline(always)]
     pub fn max(self, other: Self) -> Self {

@@ -7,7 +7,7 @@
 use super::ahead::Ahead;
 use super::difference::Halved;
 use super::frame::Frame;
-use super::history::{Histories, Past, coding_of_first};
+use super::history::{Histories, Past};
 use super::lanes::{LANES, Lanes};
 use super::layout::{ALPHA, MARGIN, PLANES, STORED, line_of};
 use super::packed::{self, Coding, Packed};
@@ -44,9 +44,9 @@ impl Lookahead {
         frame.check()?;
         let [width, height] = frame.size;
         if self.size != frame.size {
-            let coding = coding_of_first(frame);
+            let past = Past::before_first(frame);
             let next = vec![Packed::default(); width * height];
-            *self = Self { size: frame.size, frames: 0, past: Past { coding, ..Past::default() }, next, coding };
+            *self = Self { size: frame.size, frames: 0, coding: past.coding, past, next };
         }
         let arch = Arch::default();
         let histories = Histories { past: &self.past, coding: self.coding, frame, arch };
@@ -65,8 +65,7 @@ impl Lookahead {
         let extremes = extremes.reduce(|| [0.0; 2], |a, b| [a[0].min(b[0]), a[1].max(b[1])]);
         std::mem::swap(&mut self.past.pixels, &mut self.next);
         (self.past.coding, self.coding) = (self.coding, Coding::of(extremes));
-        // The next frame of a fresh state has swapped in an empty one.
-        self.next.resize(self.past.pixels.len(), Packed::default());
+        self.past.is_fresh = false;
         Ok(())
     }
 }

@@ -1,11 +1,10 @@
 //! Numbers from 0 to 10⁵ in sixteen bits: five of an exponent and eleven of a fraction, without a sign.
 //!
 //! Histories are noisy by far more than the 2⁻¹² that rounding to these numbers adds, and half the memory is half the
-//! time where pixels are gathered. Conversions are integer arithmetic on IEEE 754's bits, which compilers turn into
-//! vectors where half precision would take instructions of its own.
+//! time where pixels are gathered. A code is the upper bits of a single-precision number that was scaled down so far
+//! that the other bits of its exponent are 0. So a shift gives the number back, and a mean of several is scaled once.
 
-use super::lanes::{LANES, Lanes};
-use super::reprojection::Taps;
+use super::lanes::{LANES, Lanes, each};
 
 /// Eight numbers in sixteen bits each.
 pub type Packed = [u16; LANES];
@@ -57,10 +56,11 @@ impl Coding {
 /// Largest number.
 pub const LARGEST: f32 = 1e5;
 
-/// Added to a number before it is packed, so that 0 has an exponent, too.
-const OFFSET: f32 = 1.0 / 32_768.0;
-/// Bits of `OFFSET`, the number of the code 0.
-const BIAS: u32 = OFFSET.to_bits();
+/// What numbers are scaled by before their bits are taken: the largest has five bits of exponent then.
+const DOWN: f32 = f32::from_bits((127 - SHIFT) << 23);
+/// What they are scaled back by.
+const UP: f32 = f32::from_bits((127 + SHIFT) << 23);
+const SHIFT: u32 = 112;
 /// Bits of a fraction that are dropped.
 const DROPPED: u32 = 12;
 
@@ -68,9 +68,9 @@ const DROPPED: u32 = 12;
 #[inline(always)]
 pub fn pack(numbers: Lanes) -> Packed {
     let mut to = [0; LANES];
-    let numbers = numbers.max(Lanes::ZERO).min(Lanes([LARGEST; LANES])) + Lanes([OFFSET; LANES]);
+    let numbers = numbers.max(Lanes::ZERO).min(Lanes([LARGEST; LANES])) * DOWN;
     for (to, number) in to.iter_mut().zip(numbers.0) {
-        *to = ((number.to_bits() - BIAS + (1 << (DROPPED - 1))) >> DROPPED) as u16;
+        *to = ((number.to_bits() + (1 << (DROPPED - 1))) >> DROPPED) as u16;
     }
     to
 }
@@ -78,36 +78,38 @@ pub fn pack(numbers: Lanes) -> Packed {
 /// Returns the numbers.
 #[inline(always)]
 pub fn unpack(packed: &Packed) -> Lanes {
-    lifted(packed) - Lanes([OFFSET; LANES])
+    scaled(packed) * UP
 }
 
-/// Returns the sum of four times eight numbers, each by its share; the shares' sum is 1.
+/// Returns the sum of four times eight numbers, each by its share.
 #[inline(always)]
 pub fn mean(packed: [&Packed; 4], [p, q, r, s]: [f32; 4]) -> Lanes {
-    let [a, b, c, d] = packed.map(lifted);
-    ((a * p + b * q) + (c * r + d * s)) - Lanes([OFFSET; LANES])
+    let [a, b, c, d]: [Lanes; 4] = each(|at| scaled(packed[at]));
+    ((a * p + b * q) + (c * r + d * s)) * UP
 }
 
-/// Returns the sum of sixteen times eight numbers, each by the shares of its column and its row, whose sums are 1. Sums
-/// below 0 are 0.
+/// Returns the sum of sixteen times eight numbers, from `first` on four in each of four rows of `width`, each by the
+/// shares of its column and its row. Sums below 0 are 0.
 #[inline(always)]
-pub fn resampled(packed: &[Packed], width: usize, taps: &Taps) -> Lanes {
-    let mut sum = Lanes([-OFFSET; LANES]);
-    let [p, q, r, s] = taps.columns;
-    for (row, share) in taps.rows.into_iter().enumerate() {
-        let Some(row) = packed.get(taps.first + row * width..).and_then(<[Packed]>::first_chunk::<4>) else { continue };
-        let [a, b, c, d] = row.each_ref().map(lifted);
-        sum += ((a * p + b * q) + (c * r + d * s)) * share;
+pub fn resampled(packed: &[Packed], width: usize, first: usize, columns: [f32; 4], rows: [f32; 4]) -> Lanes {
+    let mut sum = Lanes::ZERO;
+    for (row, share) in rows.into_iter().enumerate() {
+        let Some(row) = packed.get(first + row * width..).and_then(<[Packed]>::first_chunk::<4>) else { continue };
+        let mut of_row = Lanes::ZERO;
+        for (packed, share) in row.iter().zip(columns) {
+            of_row = scaled(packed).mul_add(Lanes([share; LANES]), of_row);
+        }
+        sum = of_row.mul_add(Lanes([share * UP; LANES]), sum);
     }
     sum.max(Lanes::ZERO)
 }
 
-/// Returns the numbers with the offset that they are packed with.
+/// Returns the numbers, scaled down.
 #[inline(always)]
-fn lifted(packed: &Packed) -> Lanes {
+fn scaled(packed: &Packed) -> Lanes {
     let mut to = Lanes::ZERO;
     for (to, code) in to.0.iter_mut().zip(packed) {
-        *to = f32::from_bits((u32::from(*code) << DROPPED) + BIAS);
+        *to = f32::from_bits(u32::from(*code) << DROPPED);
     }
     to
 }
@@ -116,14 +118,17 @@ fn lifted(packed: &Packed) -> Lanes {
 mod tests {
     use super::*;
 
-    /// Relative errors are half a unit of the last of eleven bits; 0 stays 0.
+    /// Least number whose fraction has all of its bits.
+    const LEAST: f32 = 1.0 / 16_384.0;
+
+    /// Relative errors are half a unit of the last of eleven bits, down to the least exponent's; 0 stays 0.
     #[test]
     fn numbers_come_back_to_eleven_bits() {
         for exponent in -20..17 {
             for part in 0..100 {
                 let number = (1.0 + part as f32 / 100.0) * (exponent as f32).exp2();
                 let found = unpack(&pack(Lanes([number; LANES]))).0[3];
-                let limit = (number + OFFSET) / 4096.0;
+                let limit = number.max(LEAST) / 4096.0;
                 assert!(number > LARGEST || (found - number).abs() <= 1.001 * limit, "{number}: {found}");
             }
         }

@@ -1,6 +1,6 @@
 //! Places of pixels in the frame before, and the mean of what lies around them there.
 
-use super::lanes::each;
+use super::lanes::{LANES, Lanes, each};
 use glam::Vec2;
 
 /// Least share of a pixel's surroundings in the frame before that must lie in the picture to be its history.
@@ -60,39 +60,67 @@ impl Around {
     }
 }
 
-/// Sixteen pixels of a picture around a place, four in each of four rows, and the shares of columns and rows by cubic
-/// convolution (Keys 1981), which keeps detail that the mean of four pixels blurs.
+/// Sixteen pixels of a picture around each of eight places, four in each of four rows, and the shares of columns and
+/// rows by cubic convolution (Keys 1981), which keeps detail that the mean of four pixels blurs.
 #[derive(Debug, Clone, Copy)]
 pub struct Taps {
-    /// Place in the picture of the upper left one.
-    pub first: usize,
-    /// Shares of the columns, and of the rows.
-    pub columns: [f32; 4],
-    pub rows: [f32; 4],
+    /// 1 where all pixels are in the picture.
+    inside: Lanes,
+    /// Columns and rows of the pixels that lie before the places, where all are inside.
+    before: [[i32; LANES]; 2],
+    /// Shares of the four columns, and of the four rows.
+    shares: [[Lanes; 4]; 2],
 }
 
 impl Taps {
-    /// Returns the pixels around a place; `None` if not all are in a picture of `size`.
+    /// Returns the pixels around places in a picture of `size`.
     #[inline(always)]
-    pub fn around([width, height]: [usize; 2], place: Vec2) -> Option<Self> {
-        // Neither huge nor missing numbers pass.
-        let inside = place.x >= 1.0 && place.y >= 1.0 && place.x < width as f32 - 2.0 && place.y < height as f32 - 2.0;
-        if !inside {
-            return None;
+    pub fn around(size: [usize; 2], places: [Lanes; 2]) -> Self {
+        let mut taps = Self { inside: Lanes([1.0; LANES]), before: Default::default(), shares: Default::default() };
+        for (axis, place) in places.into_iter().enumerate() {
+            let most = size[axis] as f32 - 3.0;
+            let whole = place.max(Lanes([1.0; LANES])).min(Lanes([most; LANES]));
+            taps.before[axis] = each(|lane| whole.0[lane] as i32);
+            // Neither huge nor missing numbers pass.
+            let inside = each(|lane| if place.0[lane] >= 1.0 && place.0[lane] < most + 1.0 { 1.0 } else { 0.0 });
+            taps.inside = taps.inside * Lanes(inside);
+            taps.shares[axis] = cubic(place - Lanes(each(|lane| taps.before[axis][lane] as f32)));
         }
-        let (column, row) = (place.x as i32, place.y as i32);
-        let (columns, rows) = (cubic(place.x - column as f32), cubic(place.y - row as f32));
-        Some(Self { first: (row as usize - 1) * width + column as usize - 1, columns, rows })
+        taps
+    }
+
+    /// Returns the place of the upper left pixel around one of the places in a picture of `width`; `None` if not all
+    /// pixels are in the picture.
+    #[inline(always)]
+    pub fn first(&self, lane: usize, width: usize) -> Option<usize> {
+        let (column, row) = (self.before[0][lane] as usize, self.before[1][lane] as usize);
+        if self.inside.0[lane] > 0.0 { Some((row - 1) * width + column - 1) } else { None }
+    }
+
+    /// Returns the shares of the four columns (axis 0) or rows (axis 1) around one of the places.
+    #[inline(always)]
+    pub fn shares(&self, axis: usize, lane: usize) -> [f32; 4] {
+        each(|at| self.shares[axis][at].0[lane])
     }
 }
 
 /// Returns the shares of four pixels in a row at a part of the way from the second to the third.
 #[inline(always)]
-fn cubic(part: f32) -> [f32; 4] {
-    let rest = 1.0 - part;
-    let half = 0.5 * part * rest;
+fn cubic(part: Lanes) -> [Lanes; 4] {
+    let rest = Lanes([1.0; LANES]) - part;
+    let half = part * rest * 0.5;
     // The inner ones have their linear shares, and what the outer ones lack.
-    [-half * rest, rest + half * (2.0 * rest - part), part + half * (2.0 * part - rest), -half * part]
+    let outer = |inner: Lanes| Lanes::ZERO - half * inner;
+    [outer(rest), rest + half * (rest * 2.0 - part), part + half * (part * 2.0 - rest), outer(part)]
+}
+
+/// Returns the share of the variance of independent noise that is left where a picture is resampled by a motion; all of it
+/// where the motion is not a number.
+pub fn noise_gain(motion: Vec2) -> f32 {
+    let of =
+        |place: f32| cubic(Lanes([place - place.floor(); LANES])).iter().map(|share| share.0[0].powi(2)).sum::<f32>();
+    let gain = of(motion.x) * of(motion.y);
+    if gain.is_finite() { gain } else { 1.0 }
 }
 
 #[cfg(test)]
@@ -103,21 +131,25 @@ mod tests {
     /// Shares add to 1, and keep any parabola.
     #[test]
     fn parabolas_stay() {
+        let found = |size: [usize; 2], place: [f32; 2]| {
+            let taps = Taps::around(size, place.map(|place| Lanes([place; LANES])));
+            taps.first(5, size[0]).map(|first| (first, [0, 1].map(|axis| taps.shares(axis, 5))))
+        };
         for place in [[1.0, 1.0], [1.25, 2.5], [2.999, 1.0]] {
-            let found = Taps::around([6, 5], place.into()).unwrap();
-            let at = |shares: [f32; 4], of: &dyn Fn(f32) -> f32, first: usize| {
-                shares.iter().enumerate().map(|(i, share)| share * of((first + i) as f32)).sum::<f32>()
-            };
+            let (first, shares) = found([6, 5], place).unwrap();
             for power in 0..3 {
                 let of = |x: f32| x.powi(power);
-                let [x, y] = [at(found.columns, &of, found.first % 6), at(found.rows, &of, found.first / 6)];
-                assert!((x - of(place[0])).abs() < 1e-4 && (y - of(place[1])).abs() < 1e-4, "{place:?} {power}");
+                for (axis, first) in [first % 6, first / 6].into_iter().enumerate() {
+                    let terms = shares[axis].iter().enumerate().map(|(i, share)| share * of((first + i) as f32));
+                    let sum: f32 = terms.sum();
+                    assert!((sum - of(place[axis])).abs() < 1e-4, "{place:?} {power}");
+                }
             }
         }
         for outside in [[0.9, 1.0], [4.0, 1.0], [1.0, 3.0], [f32::NAN, 1.0], [1e30, 1.0]] {
-            assert!(Taps::around([6, 5], outside.into()).is_none(), "{outside:?}");
+            assert!(found([6, 5], outside).is_none(), "{outside:?}");
         }
-        assert!(Taps::around([3, 3], Vec2::ONE).is_none());
+        assert!(found([3, 3], [1.0, 1.0]).is_none());
     }
 
     #[test]

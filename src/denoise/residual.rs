@@ -9,16 +9,17 @@
 use super::blocks::{BLOCK, Grid, Interpolated, Planes, Pool};
 use super::carried::{carry, to_planes};
 use super::difference::{self, Difference, Halved};
-use super::frame::Frame;
+use super::estimate::{self, Estimate};
+use super::frame::{self, Frame};
 use super::history::loaded;
 use super::lanes::{LANES, Lanes, each};
 use super::layout::{MARGIN, line_of};
 use super::vectors::{Features, vectors};
 use crate::arch::Arch;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Sums of a block: those of this frame, and behind them those of all frames, older ones by less.
+/// Sums of a block: those of this frame, and behind them those of all frames, older ones by less, and counts.
 type Sums = [f32; 2 * LANES];
 
 /// Place of the noise's square by the product of two differences.
@@ -32,8 +33,17 @@ const CHANCE: usize = 3;
 /// Places of the square of the noise that the pixels around show, and of the residual's, of the sum of the channels.
 const LIGHT_NOISE: usize = 4;
 const LIGHT: usize = 5;
+/// Places of the squares of noise and residual that are no shares of the colors, where both sides of time are known.
+const NOISE_POWER: usize = 6;
+const RESIDUAL_POWER: usize = 7;
 /// Place of the sums of all frames.
 const ALL: usize = LANES;
+/// Places that have sums of all frames.
+const SUMMED: [usize; 5] = [NOISE, RESIDUAL, CHANCE, NOISE_POWER, RESIDUAL_POWER];
+/// Place of the count of pixels that both sides of time are known of, over all frames.
+const PIXELS_SINCE: usize = ALL + 1;
+/// Place of the same count in this frame.
+const PIXELS: usize = ALL + 4;
 
 /// Blocks to each side over which sums are pooled.
 const POOL: usize = 2;
@@ -62,6 +72,10 @@ pub struct Residuals {
     next: Vec<Sums>,
     sums: Planes,
     shares: Planes,
+    /// Sums over rows of blocks.
+    rows: Vec<estimate::Row>,
+    /// Maps of noise and error, where they are wanted.
+    maps: Planes,
 }
 
 /// A denoised frame, and what it was denoised from.
@@ -69,6 +83,11 @@ pub struct Residuals {
 pub struct Denoised<'d> {
     pub frame: &'d Frame<'d>,
     pub grid: Grid,
+    /// Mean motions of the blocks.
+    pub motions: &'d [Vec2],
+    /// Degrees of freedom of the models of the blocks, as shares of the samples that they rest on: of their own noise
+    /// denoised colors hold that much.
+    pub own: &'d Planes,
     /// Denoised colors, row by row.
     pub colors: &'d [Features],
     /// Differences from the frame before, row by row.
@@ -82,23 +101,27 @@ pub struct Denoised<'d> {
     /// True where no other frame was learned from: the colors' own noise is in what was denoised then, and nothing
     /// comes back.
     pub alone: bool,
+    /// True if maps of noise and error are wanted.
+    pub mapped: bool,
 }
 
 impl Residuals {
-    /// Writes the denoised colors with the signal that their residuals hold.
-    pub fn give_back(&mut self, denoised: &Denoised<'_>, to: &mut [Vec3]) {
-        let Denoised { frame, grid, .. } = *denoised;
+    /// Writes the denoised colors with the signal that their residuals hold, and the estimate of what is left.
+    pub fn give_back(&mut self, denoised: &Denoised<'_>, to: &mut frame::Denoised) {
+        let Denoised { frame, grid, mapped, .. } = *denoised;
         if self.sums.row_len() != 2 * LANES * grid.stride() || self.next.len() != grid.rows * grid.columns {
             self.next = vec![[0.0; 2 * LANES]; grid.rows * grid.columns];
             self.sums = Planes::new(grid, 2 * LANES);
             self.shares = Planes::new(grid, 1);
+            self.rows = vec![estimate::Row::default(); grid.rows];
+            self.maps = Planes::new(if mapped { grid } else { Grid::default() }, estimate::MAPPED);
         }
-        let Self { blocks, next, sums, shares } = self;
+        let Self { blocks, next, sums, shares, rows: of_rows, maps } = self;
         let before = &blocks[..];
-        let rows =
-            next.par_chunks_mut(grid.columns).zip(sums.data.par_chunks_mut(2 * LANES * grid.stride())).enumerate();
-        rows.with_min_len(2).for_each_init(Vec::new, |light, (row, (blocks, planes))| {
-            Arch::default().dispatch(Learn { denoised, before, row, light, blocks, planes });
+        let planes = sums.data.par_chunks_mut(2 * LANES * grid.stride());
+        let rows = next.par_chunks_mut(grid.columns).zip(planes).zip(of_rows.par_iter_mut()).enumerate();
+        rows.with_min_len(2).for_each_init(Vec::new, |light, (row, ((blocks, planes), of_row))| {
+            *of_row = Arch::default().dispatch(Learn { denoised, before, row, light, blocks, planes });
         });
         let sums = &*sums;
         let rows = shares.data.par_chunks_mut(grid.stride()).enumerate();
@@ -109,10 +132,47 @@ impl Residuals {
             shares.data.fill(0.0);
         }
         let shares = &*shares;
-        let rows = to.par_chunks_mut(frame.size[0]).enumerate();
+        let of_row = |row: usize| {
+            let plane = |plane: usize| &sums.row(row, plane)[..grid.columns];
+            let blocks = estimate::Blocks {
+                pixels: plane(PIXELS),
+                noise: plane(NOISE_POWER),
+                residual: plane(RESIDUAL_POWER),
+                shares: shares.row(row, 0),
+                own: denoised.own.row(row, 0),
+                motions: denoised.motions.get(row * grid.columns..).unwrap_or_default(),
+            };
+            Estimate::of_row(blocks, of_rows[row])
+        };
+        let estimates: Vec<Estimate> = (0..grid.rows).into_par_iter().map(of_row).collect();
+        // In order, so that the sum is the same for any number of threads.
+        to.estimate = Some(estimates.into_iter().fold(Estimate::default(), Estimate::plus)).filter(|e| e.pixels > 0.0);
+        to.color.resize(frame.color.len(), Vec3::ZERO);
+        let rows = to.color.par_chunks_mut(frame.size[0]).enumerate();
         rows.with_min_len(8).for_each_init(Interpolated::default, |interpolated, (row, to)| {
             Arch::default().dispatch(GiveBack { denoised, shares, row, interpolated, to });
         });
+        if mapped {
+            let planes = maps.data.par_chunks_mut(estimate::MAPPED * grid.stride()).enumerate();
+            planes.for_each_init(Pool::default, |pool, (row, to)| {
+                let which = [PIXELS_SINCE, ALL + NOISE_POWER, ALL + RESIDUAL_POWER].map(|plane| (plane, POOL));
+                let (vectors, pooled) = pool.sums(sums, row, which.into_iter());
+                let planes = [0, 1, 2].map(|plane| &pooled[plane * vectors..][..vectors]);
+                estimate::map_row(planes, shares.row(row, 0), to);
+            });
+            let maps = &*maps;
+            to.map.resize(frame.color.len(), [0.0; estimate::MAPPED]);
+            let rows = to.map.par_chunks_mut(frame.size[0]).enumerate();
+            rows.with_min_len(8).for_each_init(Interpolated::default, |interpolated, (row, to)| {
+                interpolated.take(grid, row, maps);
+                for (at, to) in to.chunks_mut(LANES).enumerate() {
+                    let found: [Lanes; estimate::MAPPED] = [interpolated.at(0, at), interpolated.at(1, at)];
+                    for (lane, to) in to.iter_mut().enumerate() {
+                        *to = found.map(|plane| plane.0[lane]);
+                    }
+                }
+            });
+        }
         std::mem::swap(blocks, next);
         next.resize(blocks.len(), [0.0; 2 * LANES]);
     }
@@ -124,57 +184,70 @@ struct Learn<'a> {
     /// Sums after the frame before; empty at the first frame.
     before: &'a [Sums],
     row: usize,
-    /// Sums of the channels, of the rows around, too.
+    /// Second differences along rows of the sums of the channels, of the rows around, too.
     light: &'a mut Vec<f32>,
     blocks: &'a mut [Sums],
     planes: &'a mut [f32],
 }
 
 impl pulp::NullaryFnOnce for Learn<'_> {
-    type Output = ();
+    type Output = estimate::Row;
 
     #[inline(always)]
-    fn call(self) {
+    fn call(self) -> estimate::Row {
         let Self { denoised, before, row, light, blocks, planes } = self;
-        let Denoised { frame, grid, kept, .. } = *denoised;
+        let Denoised { frame, grid, motions, kept, .. } = *denoised;
         let top = row * BLOCK;
-        lighten(frame, top, light);
-        carry(frame, grid, before, row, blocks);
-        add(denoised, top, light, blocks);
+        second_differences(frame, top, light);
+        carry(motions, grid, before, row, blocks);
+        let of_row = add(denoised, top, &light[line_of(frame.size[0])..], blocks);
         for sums in &mut *blocks {
-            for i in 0..LANES {
-                sums[ALL + i] = sums[ALL + i] * kept + sums[i];
+            for place in SUMMED {
+                sums[ALL + place] = sums[ALL + place] * kept + sums[place];
             }
+            sums[PIXELS_SINCE] = sums[PIXELS_SINCE] * kept + sums[PIXELS];
         }
         to_planes(Arch::default(), blocks, planes, grid.stride());
+        of_row
     }
 }
 
-/// Writes the sums of the channels of the rows that the second differences of a row of blocks take, line after line.
-/// What lies outside is not a number.
+/// Writes the second differences along rows of the sums of the channels, of the rows that those in both directions
+/// take, line after line. What lies outside is not a number.
 #[inline(always)]
-fn lighten(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
+fn second_differences(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
     let [width, height] = frame.size;
     let line = line_of(width);
-    lines.clear();
-    lines.resize((BLOCK + 2 * STEP) * line, f32::NAN);
+    // A line more, for the sums themselves.
+    lines.resize((BLOCK + 2 * STEP + 1) * line, f32::NAN);
+    let (sums, lines) = lines.split_at_mut(line);
+    sums.fill(f32::NAN);
     for (at, to) in lines.chunks_exact_mut(line).enumerate() {
-        let Some(y) = (top + at).checked_sub(STEP).filter(|y| *y < height) else { continue };
-        for (to, color) in to[MARGIN..].iter_mut().zip(&frame.color[y * width..][..width]) {
+        let Some(y) = (top + at).checked_sub(STEP).filter(|y| *y < height) else {
+            to.fill(f32::NAN);
+            continue;
+        };
+        for (to, color) in sums[MARGIN..].iter_mut().zip(&frame.color[y * width..][..width]) {
             *to = (color.x + color.y) + color.z;
+        }
+        for left in (MARGIN..MARGIN + width).step_by(LANES) {
+            let at = |x: usize| Lanes::load(sums, x);
+            ((at(left - STEP) + at(left + STEP)) - at(left) * 2.0).store(to, left);
         }
     }
 }
 
-/// Writes the sums of the pixels of a row of blocks.
+/// Writes the sums of the pixels of a row of blocks. Returns those of the row.
 #[inline(always)]
-fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) {
+fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) -> estimate::Row {
     let Denoised { frame, colors, before, floor, .. } = *denoised;
     let [width, height] = frame.size;
     let (groups, line) = (vectors(width), line_of(width));
     let count = BLOCK.min(height - top);
+    let mut of_row = estimate::Row::default();
     for (at, blocks) in blocks.chunks_mut(LANES / BLOCK).enumerate() {
         let mut sums = [Lanes::ZERO; LANES];
+        let [mut pixels_of, mut powers, mut apart] = [Lanes::ZERO; 3];
         for row in 0..count {
             let pixels = &frame.color[(top + row) * width..][..width][at * LANES..];
             let (color, seen) = loaded(&pixels[..LANES.min(pixels.len())]);
@@ -187,7 +260,8 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
             let residual: [Lanes; 3] = each(|c| (color[c] - found[c]) * seen);
             let squares = dot(&residual, &residual);
             let [noise, direct] = noise(&residual, squares, &before, &after);
-            let weight = seen / (dot(found, found) + Lanes([floor; LANES]));
+            let power = dot(found, found);
+            let weight = seen / (power + Lanes([floor; LANES]));
             let sum = (residual[0] + residual[1]) + residual[2];
             let (left, square) = (MARGIN + at * LANES, sum * sum);
             let [shown, is_shown] = around(&light[row * line..], line, left);
@@ -196,21 +270,38 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
             let known = weight * before[3].max(after[3]).max(unknown);
             let is_shown = weight * is_shown.max(unknown);
             let chance = noise * known;
-            let terms = [chance, direct * known, squares * known, chance * chance, shown * is_shown, square * is_shown];
+            let both = seen * before[3] * after[3];
+            let terms = [
+                chance,
+                direct * known,
+                squares * known,
+                chance * chance,
+                shown * is_shown,
+                square * is_shown,
+                noise * both,
+                squares * both,
+            ];
             for (sum, term) in sums.iter_mut().zip(terms) {
                 *sum += term;
             }
+            pixels_of += both;
+            powers += power * both;
+            apart += (dot(&before, &before) + dot(&after, &after)) * 0.5 * both;
         }
+        of_row.power += f64::from(powers.0.iter().sum::<f32>());
+        of_row.apart += f64::from(apart.0.iter().sum::<f32>());
         let pixels = Arch::default().transposed(&sums.map(|sum| sum.0));
-        for (block, sums) in pixels.chunks(BLOCK).zip(&mut *blocks) {
+        for (at, (block, sums)) in pixels.chunks(BLOCK).zip(&mut *blocks).enumerate() {
             let sum = (Lanes(block[0]) + Lanes(block[1])) + (Lanes(block[2]) + Lanes(block[3]));
             sum.store(sums, 0);
+            sums[PIXELS] = pixels_of.0[at * BLOCK..][..BLOCK].iter().sum();
         }
     }
+    of_row
 }
 
 #[inline(always)]
-fn dot(a: &[Lanes; 3], b: &[Lanes; 3]) -> Lanes {
+fn dot(a: &[Lanes], b: &[Lanes]) -> Lanes {
     (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 }
 
@@ -226,17 +317,15 @@ fn noise(residual: &[Lanes; 3], squares: Lanes, before: &Difference, after: &Dif
     let one: [Lanes; 3] = each(|c| a[c] + b[c] * other);
     let any = is_before.max(*is_after);
     let product = dot(a, b);
-    [dot(residual, &one), dot(&one, &one) * 0.5].map(|single| both.select(product, any.select(single, squares)))
+    let of = |single: Lanes| both.select(product, any.select(single, squares));
+    [of(dot(residual, &one)), of(dot(&one, &one) * 0.5)]
 }
 
-/// Returns the square of the noise of eight pixels by what is around them, from lines that begin above them, and 1
-/// where that is known.
+/// Returns the square of the noise of eight pixels by what is around them, from lines of second differences that begin
+/// above them, and 1 where that is known.
 #[inline(always)]
 fn around(lines: &[f32], line: usize, left: usize) -> [Lanes; 2] {
-    let second = |row: usize| {
-        let at = |x: usize| Lanes::load(lines, row * line + x);
-        (at(left - STEP) + at(left + STEP)) - at(left) * 2.0
-    };
+    let second = |row: usize| Lanes::load(lines, row * line + left);
     let both = (second(0) + second(2 * STEP)) - second(STEP) * 2.0;
     let noise = both * both / Lanes([KERNEL; LANES]);
     let known = Lanes(each(|lane| if noise.0[lane].is_finite() { 1.0 } else { 0.0 }));
@@ -314,13 +403,17 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
             let (color, seen) = loaded(pixels);
             let share = interpolated.at(0, at) * seen;
             let rest = Lanes([1.0; LANES]) - share;
-            let mixed: [Lanes; 3] = each(|c| found[c] * rest + color[c] * share);
+            let alpha = alphas.map_or(Lanes([1.0; LANES]), |alphas| {
+                Lanes(each(|lane| alphas.get(at * LANES + lane).copied().unwrap_or(0.0)))
+            });
+            // 0 where color and alpha are so, and elsewhere 1.
+            let is_there = Lanes(each(|lane| {
+                let [r, g, b]: [f32; 3] = each(|c| color[c].0[lane]);
+                if seen.0[lane] > 0.0 && alpha.0[lane] == 0.0 && [r, g, b] == [0.0; 3] { 0.0 } else { 1.0 }
+            }));
+            let mixed: [Lanes; 3] = each(|c| is_there.select(found[c] * rest + color[c] * share, Lanes::ZERO));
             for (lane, to) in to.iter_mut().enumerate() {
                 *to = Vec3::new(mixed[0].0[lane], mixed[1].0[lane], mixed[2].0[lane]);
-                let is_empty = alphas.is_some_and(|alphas| alphas[at * LANES + lane] == 0.0);
-                if is_empty && pixels[lane] == Vec3::ZERO {
-                    *to = Vec3::ZERO;
-                }
             }
         }
     }
@@ -374,16 +467,19 @@ mod tests {
             let given = Denoised {
                 frame: &frame,
                 grid,
+                motions: &[],
+                own: &Planes::new(grid, 1),
                 colors: &colors,
                 before: &before,
                 alpha: None,
                 floor: 0.01,
                 kept: 0.88,
                 alone: false,
+                mapped: true,
             };
-            let mut to = vec![Vec3::ZERO; color.len()];
+            let mut to = frame::Denoised::default();
             residuals.give_back(&given, &mut to);
-            for (i, to) in to.iter().enumerate() {
+            for (i, to) in to.color.iter().enumerate() {
                 let errors = [color[i] - truth(i), denoised(i) - truth(i), *to - truth(i)];
                 sums = each(|k| sums[k] + errors[k].length_squared() / (3 * color.len()) as f32);
             }

@@ -117,7 +117,7 @@ mod tests {
     fn tiny_pictures_and_missing_pixels_do_no_harm() {
         for size in [[1, 1], [2, 9], [9, 2], [3, 3]] {
             let color = vec![Vec3::NAN; size[0] * size[1]];
-            let mut found = Denoised { color: vec![Vec3::ONE; color.len()], confidence: Vec::new() };
+            let mut found = Denoised { color: vec![Vec3::ONE; color.len()], ..Denoised::default() };
             keep_detail(&Frame { size, color: &color, ..Frame::default() }, &mut found);
             assert!(found.color.iter().all(|color| *color == Vec3::ONE), "{size:?}");
         }

@@ -83,7 +83,7 @@ impl Svgf {
             }
         }
         let color = filtered.iter().map(|[r, g, b, _]| Vec3::new(*r, *g, *b)).collect();
-        Ok(Denoised { color, confidence: followed.iter().map(|pixel| pixel[5]).collect() })
+        Ok(Denoised { color, confidence: followed.iter().map(|pixel| pixel[5]).collect(), ..Denoised::default() })
     }
 
     /// Returns the averages of a pixel over the frames.

@@ -69,7 +69,7 @@ impl Wrls {
         let blended = blended.map(|at| self.blended(&learned, [at % width, at / width]));
         let (color, confidence) = blended.unzip();
         self.pixels = learned.into_iter().map(|(pixel, _)| pixel).collect();
-        Ok(Denoised { color, confidence })
+        Ok(Denoised { color, confidence, ..Denoised::default() })
     }
 
     /// Returns what a pixel was in the frame before, mixed from the four pixels around its place there; `None` if it was not

@@ -6,7 +6,7 @@
 
 mod browse;
 mod histogram;
-mod number;
+pub mod number;
 mod picture;
 mod plot;
 mod script;

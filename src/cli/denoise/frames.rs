@@ -9,7 +9,7 @@ use super::shot::{Shot, Target, View};
 use super::{COMMAND, Cuts, Denoise, INPUTS};
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
-use crate::denoise::{Denoised, Settings, still};
+use crate::denoise::{Denoised, Estimate, Settings, still};
 use crate::error::{Error, Kind, Result};
 use crate::formats::exr::Document;
 use std::collections::BTreeSet;
@@ -41,6 +41,8 @@ pub struct Done {
     pub at_rest: bool,
     /// First frame whose alpha contradicts that of its motion, and by how much.
     pub contradiction: Option<(u32, f32)>,
+    /// Estimate of noise and error of the first layer of all views, and the number of frames that it is taken from.
+    pub estimate: (Estimate, usize),
     pub seconds: f64,
 }
 
@@ -121,7 +123,8 @@ impl Sequence<'_> {
     ) -> Result<Done> {
         let mut done = Done { at_rest: true, ..Done::default() };
         let mut cuts = BTreeSet::new();
-        let new = || Directions::new(self.command.method.method(), settings, self.command.cuts == Cuts::Auto);
+        let Denoise { method, cuts: find, error, .. } = *self.command;
+        let new = || Directions::new(method.method(), settings, find == Cuts::Auto, error);
         // One a view, from the first frame on.
         let mut directions: Vec<Directions> = Vec::new();
         let mut expected = None;
@@ -168,6 +171,11 @@ impl Sequence<'_> {
                     let mut denoised = spares.pop().unwrap_or_default();
                     let cut = self.view(number, &view, directions, &mut denoised)?;
                     cuts.extend(cut.then_some(number));
+                    if let Some(found) = denoised[0].estimate.filter(|_| keep) {
+                        let (estimate, frames) = done.estimate;
+                        // Views are the same frame.
+                        done.estimate = (estimate.plus(found), frames + usize::from(views.is_empty()));
+                    }
                     views.push((view.targets, denoised));
                 } else {
                     directions.look(number, &view, keep)?;
@@ -231,7 +239,12 @@ impl Sequence<'_> {
                 }
             }
             if self.command.confidence {
-                add_confidence(&mut document, &views);
+                add_layer(&mut document, &views, "confidence.N", |denoised| denoised.confidence.clone());
+            }
+            if self.command.error {
+                for (at, name) in ["noise.V", "error.V"].into_iter().enumerate() {
+                    add_layer(&mut document, &views, name, |denoised| denoised.map.iter().map(|map| map[at]).collect());
+                }
             }
             let mut origin = provenance.clone();
             let files = self.command.files_of(self.numbers[frame], &self.inputs[frame]);
@@ -251,16 +264,22 @@ impl Sequence<'_> {
     }
 }
 
-/// Adds the layer `confidence` of each view: in a part of its own, or with the view's name behind it.
-fn add_confidence(document: &mut Document, views: &[(Vec<Target>, Vec<Denoised>)]) {
+/// Adds a layer of one channel, `LAYER.CHANNEL`, of what `of` returns of the first layer of each view: in a part of its
+/// own, or with the view's name between both.
+fn add_layer(
+    document: &mut Document,
+    views: &[(Vec<Target>, Vec<Denoised>)],
+    name: &str,
+    of: impl Fn(&Denoised) -> Vec<f32>,
+) {
     let names = document.header().views();
     let first = views[0].0[0].part;
     for (number, (targets, denoised)) in views.iter().enumerate() {
         let part = targets[0].part;
-        let name = match number > 0 && part == first {
-            true => format!("confidence.{}.N", names[number]),
-            false => "confidence.N".to_owned(),
+        let name = match name.split_once('.') {
+            Some((layer, channel)) if number > 0 && part == first => format!("{layer}.{}.{channel}", names[number]),
+            _ => name.to_owned(),
         };
-        document.add(part, &name, denoised[0].confidence.clone());
+        document.add(part, &name, of(&denoised[0]));
     }
 }

@@ -16,12 +16,13 @@ use super::outputs;
 use super::provenance::Provenance;
 use super::renewed::{self, Earlier, Renewed};
 use crate::cli::cancel;
-use crate::denoise::{Method, Settings};
+use crate::denoise::{Estimate, Method, Settings};
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::exr;
 use crate::formats::protected;
 use crate::formats::sequence::Frames;
+use crate::report::number::short;
 use crate::text::ranges;
 use clap::ValueEnum;
 use motion::Motion;
@@ -68,6 +69,10 @@ pub struct Denoise {
     /// Add the layer `confidence`: the number of samples that each pixel rests on
     #[arg(long)]
     confidence: bool,
+    /// Add the layers `noise` and `error`, for wrls2: the root mean square of the noise that came in and of the error that
+    /// is left around each pixel, in the units of the colors, as the frames before and after tell them; -1 where unknown
+    #[arg(long)]
+    error: bool,
     /// Frames that a frame learns from, for wrls2
     #[arg(long, value_enum, default_value_t = Direction::Both)]
     direction: Direction,
@@ -179,12 +184,67 @@ pub(in crate::cli) struct Report {
     at_rest: bool,
     /// True if the alpha that comes with the motion contradicts that of the pictures, which is used in its place then.
     alpha_contradicts: bool,
+    /// Estimate of the noise that came in and of the error that is left; none where frames do not tell it.
+    estimate: Option<Accuracy>,
     seconds: f64,
     /// Seconds of the denoising alone.
     seconds_denoising: f64,
     /// True for one picture, of which there is less to tell.
     #[serde(skip)]
     still: bool,
+}
+
+/// Noise that came in and error that is left, of the first layer, as the frames themselves tell them without a
+/// reference: root mean squares over pixels and channels, in the units of the colors.
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
+struct Accuracy {
+    /// Number of frames that it is estimated from: those that have frames on both sides.
+    frames: usize,
+    noise: f64,
+    error: f64,
+    /// Upper end of the 95 % interval of the error, as far as the estimate errs by chance.
+    error_high: f64,
+    /// Decibels by which the error is below the noise; none where it is too small to be told.
+    gain_db: Option<f64>,
+    /// Error over the root mean square of the denoised colors.
+    relative_error: f64,
+    /// Share of the picture that is much as it was: it has no noise, or the frames around do not show it.
+    as_it_was: f64,
+}
+
+impl Accuracy {
+    /// Returns what an estimate tells, unless its frames do not show the same signal.
+    fn of((estimate, frames): (Estimate, usize)) -> Option<Self> {
+        let (noise, error) = (estimate.noise(), estimate.error());
+        let gain_db = Some(20.0 * (noise / error).log10()).filter(|gain| gain.is_finite());
+        let found = Self {
+            frames,
+            noise,
+            error,
+            error_high: estimate.error_high(),
+            gain_db,
+            relative_error: error / estimate.level().max(f64::MIN_POSITIVE),
+            as_it_was: estimate.as_it_was(),
+        };
+        estimate.fits().then_some(found)
+    }
+}
+
+impl fmt::Display for Accuracy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { frames, noise, error, error_high, gain_db, as_it_was, .. } = self;
+        let [noise, error, error_high] = [*noise, *error, *error_high].map(short);
+        write!(f, "estimated from {frames} frames: noise {noise} in, error ")?;
+        match gain_db {
+            Some(gain) => write!(f, "{error} out, {gain:.1} dB less")?,
+            None => write!(f, "too small to be told out")?,
+        }
+        write!(f, " (up to {error_high} at 95 % confidence)")?;
+        if *as_it_was > 0.01 {
+            write!(f, "; {:.0} % of the picture is much as it was", 100.0 * as_it_was)?;
+        }
+        Ok(())
+    }
 }
 
 impl Report {
@@ -206,7 +266,7 @@ impl Report {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { output, method, denoised, skipped, renewed, failed, cuts, filled, filled_frames, .. } = self;
-        let Self { seconds, seconds_denoising, .. } = self;
+        let Self { estimate, seconds, seconds_denoising, .. } = self;
         let way = method.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
         let output = output.display();
         match (self.still, denoised) {
@@ -230,6 +290,9 @@ impl fmt::Display for Report {
             };
             write!(f, "\n  {filled} pixels{frames} were NaN or infinite, and were filled in from those around")?;
         }
+        if let Some(estimate) = estimate {
+            write!(f, "\n  {estimate}")?;
+        }
         Ok(())
     }
 }
@@ -247,6 +310,11 @@ impl Denoise {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let provenance = Provenance::begin();
         let settings = self.settings()?;
+        let two_way = self.method.method().looks_ahead() && self.direction == Direction::Both;
+        if self.error && !two_way {
+            return Err(Error::invalid("--error needs --method wrls2 and --direction both")
+                .hint("noise and error are told by the frames before and after; give neither option, or no --error"));
+        }
         let input = Names::of(&self.input)?;
         let to = input.alike(&self.output, "the noisy frames")?;
         input.check_frames(self.frames.is_some())?;
@@ -282,7 +350,6 @@ impl Denoise {
         let skipped = is_wanted.iter().zip(&write).filter(|(wanted, write)| **wanted && !**write).count();
         let pixels = self.pixels(&inputs);
         let kept = plan::kept(pixels);
-        let two_way = self.method.method().looks_ahead() && self.direction == Direction::Both;
         let plan = Plan::new(&write, two_way, self.chunk, self.overlap as usize, kept);
         let sequence =
             frames::Sequence { numbers: &numbers, inputs: &inputs, outputs: &outputs, pixels, command: self };
@@ -323,6 +390,7 @@ impl Denoise {
             filled_frames: done.filled_frames,
             at_rest: done.at_rest,
             alpha_contradicts: done.contradiction.is_some(),
+            estimate: Accuracy::of(done.estimate),
             seconds,
             seconds_denoising: done.seconds,
             still: input.is_still(),

@@ -73,6 +73,8 @@ pub struct Directions {
     method: Method,
     settings: Settings,
     find_cuts: bool,
+    /// True if maps of noise and error are wanted.
+    mapped: bool,
     forward: Course,
     backward: Course,
     /// One denoiser a layer, from the first frame on.
@@ -86,11 +88,12 @@ pub struct Directions {
 
 impl Directions {
     /// Creates denoisers that have seen nothing.
-    pub fn new(method: Method, settings: Settings, find_cuts: bool) -> Self {
+    pub fn new(method: Method, settings: Settings, find_cuts: bool, mapped: bool) -> Self {
         Self {
             method,
             settings,
             find_cuts,
+            mapped,
             forward: Course::default(),
             backward: Course::default(),
             denoisers: Vec::new(),
@@ -150,7 +153,8 @@ impl Directions {
             self.denoisers.iter_mut().for_each(Denoiser::reset);
         }
         while self.denoisers.len() < view.layers.len() {
-            self.denoisers.push(Denoiser::new(self.method, self.settings)?);
+            let denoiser = Denoiser::new(self.method, self.settings)?;
+            self.denoisers.push(if self.mapped { denoiser.with_map() } else { denoiser });
         }
         to.resize_with(view.layers.len(), Denoised::default);
         let aheads = self.kept.remove(&number).unwrap_or_default();
