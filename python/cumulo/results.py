@@ -27,6 +27,7 @@ from .comparisons import (
 from .report import Report
 
 __all__ = [
+    "Accuracy",
     "ArrayGrid",
     "ArrayLayer",
     "Authored",
@@ -312,7 +313,7 @@ class Accuracy:
     error: float
     error_high: float
     """Upper end of the 95 % interval of the error, as far as the estimate errs by chance."""
-    gain_db: float | None = None
+    gain_db: float
     relative_error: float
     as_it_was: float
     """Share of the picture that is much as it was."""

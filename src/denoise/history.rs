@@ -55,7 +55,7 @@ impl Past {
         let coding = Coding::of(extremes);
         let alphas = |at: usize| frame.alpha.map_or(0.0, |alpha| alpha[at]);
         let pixels = colors.par_iter().enumerate().map(|(at, color)| fresh(coding, *color, alphas(at)));
-        Self { pixels: pixels.map(|pixel| packed::pack(pixel)).collect(), coding, is_fresh: true }
+        Self { pixels: pixels.map(packed::pack).collect(), coding, is_fresh: true }
     }
 }
 

@@ -74,6 +74,8 @@ pub struct Residuals {
     shares: Planes,
     /// Sums over rows of blocks.
     rows: Vec<estimate::Row>,
+    /// Estimate of all frames, older ones by less.
+    since: Estimate,
     /// Maps of noise and error, where they are wanted.
     maps: Planes,
 }
@@ -116,7 +118,7 @@ impl Residuals {
             self.rows = vec![estimate::Row::default(); grid.rows];
             self.maps = Planes::new(if mapped { grid } else { Grid::default() }, estimate::MAPPED);
         }
-        let Self { blocks, next, sums, shares, rows: of_rows, maps } = self;
+        let Self { blocks, next, sums, shares, rows: of_rows, since, maps } = self;
         let before = &blocks[..];
         let planes = sums.data.par_chunks_mut(2 * LANES * grid.stride());
         let rows = next.par_chunks_mut(grid.columns).zip(planes).zip(of_rows.par_iter_mut()).enumerate();
@@ -146,7 +148,9 @@ impl Residuals {
         };
         let estimates: Vec<Estimate> = (0..grid.rows).into_par_iter().map(of_row).collect();
         // In order, so that the sum is the same for any number of threads.
-        to.estimate = Some(estimates.into_iter().fold(Estimate::default(), Estimate::plus)).filter(|e| e.pixels > 0.0);
+        let found = estimates.into_iter().fold(Estimate::default(), Estimate::plus);
+        *since = since.plus_share(f64::from(denoised.kept), found);
+        to.estimate = Some(found).filter(|found| found.pixels > 0.0);
         to.color.resize(frame.color.len(), Vec3::ZERO);
         let rows = to.color.par_chunks_mut(frame.size[0]).enumerate();
         rows.with_min_len(8).for_each_init(Interpolated::default, |interpolated, (row, to)| {
@@ -158,7 +162,7 @@ impl Residuals {
                 let which = [PIXELS_SINCE, ALL + NOISE_POWER, ALL + RESIDUAL_POWER].map(|plane| (plane, POOL));
                 let (vectors, pooled) = pool.sums(sums, row, which.into_iter());
                 let planes = [0, 1, 2].map(|plane| &pooled[plane * vectors..][..vectors]);
-                estimate::map_row(planes, shares.row(row, 0), to);
+                estimate::map_row(planes, shares.row(row, 0), since.fits(), to);
             });
             let maps = &*maps;
             to.map.resize(frame.color.len(), [0.0; estimate::MAPPED]);
@@ -248,6 +252,7 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
     for (at, blocks) in blocks.chunks_mut(LANES / BLOCK).enumerate() {
         let mut sums = [Lanes::ZERO; LANES];
         let [mut pixels_of, mut powers, mut apart] = [Lanes::ZERO; 3];
+        let mut differences = [[Lanes::ZERO; 3]; 2];
         for row in 0..count {
             let pixels = &frame.color[(top + row) * width..][..width][at * LANES..];
             let (color, seen) = loaded(&pixels[..LANES.min(pixels.len())]);
@@ -287,6 +292,11 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
             pixels_of += both;
             powers += power * both;
             apart += (dot(&before, &before) + dot(&after, &after)) * 0.5 * both;
+            for (sums, side) in differences.iter_mut().zip([&before, &after]) {
+                for (sum, channel) in sums.iter_mut().zip(side) {
+                    *sum += *channel * both;
+                }
+            }
         }
         of_row.power += f64::from(powers.0.iter().sum::<f32>());
         of_row.apart += f64::from(apart.0.iter().sum::<f32>());
@@ -294,7 +304,10 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
         for (at, (block, sums)) in pixels.chunks(BLOCK).zip(&mut *blocks).enumerate() {
             let sum = (Lanes(block[0]) + Lanes(block[1])) + (Lanes(block[2]) + Lanes(block[3]));
             sum.store(sums, 0);
-            sums[PIXELS] = pixels_of.0[at * BLOCK..][..BLOCK].iter().sum();
+            let of_block = |lanes: &Lanes| lanes.0[at * BLOCK..][..BLOCK].iter().sum::<f32>();
+            sums[PIXELS] = of_block(&pixels_of);
+            let squares = differences.iter().flatten().map(|sum| f64::from(of_block(sum)).powi(2));
+            of_row.pooled += 0.5 * squares.sum::<f64>();
         }
     }
     of_row

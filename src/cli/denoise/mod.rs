@@ -186,6 +186,9 @@ pub(in crate::cli) struct Report {
     alpha_contradicts: bool,
     /// Estimate of the noise that came in and of the error that is left; none where frames do not tell it.
     estimate: Option<Accuracy>,
+    /// Number of frames that were compared with those on both sides for the estimate.
+    #[serde(skip)]
+    compared: usize,
     seconds: f64,
     /// Seconds of the denoising alone.
     seconds_denoising: f64,
@@ -204,11 +207,12 @@ struct Accuracy {
     error: f64,
     /// Upper end of the 95 % interval of the error, as far as the estimate errs by chance.
     error_high: f64,
-    /// Decibels by which the error is below the noise; none where it is too small to be told.
-    gain_db: Option<f64>,
+    /// Decibels by which the error is below the noise.
+    gain_db: f64,
     /// Error over the root mean square of the denoised colors.
     relative_error: f64,
-    /// Share of the picture that is much as it was: it has no noise, or the frames around do not show it.
+    /// Share of the picture, as far as it is not empty, that is much as it was: it has no noise, or the frames around do
+    /// not show it.
     as_it_was: f64,
 }
 
@@ -216,13 +220,12 @@ impl Accuracy {
     /// Returns what an estimate tells, unless its frames do not show the same signal.
     fn of((estimate, frames): (Estimate, usize)) -> Option<Self> {
         let (noise, error) = (estimate.noise(), estimate.error());
-        let gain_db = Some(20.0 * (noise / error).log10()).filter(|gain| gain.is_finite());
         let found = Self {
             frames,
             noise,
             error,
             error_high: estimate.error_high(),
-            gain_db,
+            gain_db: 20.0 * (noise / error).log10(),
             relative_error: error / estimate.level().max(f64::MIN_POSITIVE),
             as_it_was: estimate.as_it_was(),
         };
@@ -234,12 +237,8 @@ impl fmt::Display for Accuracy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { frames, noise, error, error_high, gain_db, as_it_was, .. } = self;
         let [noise, error, error_high] = [*noise, *error, *error_high].map(short);
-        write!(f, "estimated from {frames} frames: noise {noise} in, error ")?;
-        match gain_db {
-            Some(gain) => write!(f, "{error} out, {gain:.1} dB less")?,
-            None => write!(f, "too small to be told out")?,
-        }
-        write!(f, " (up to {error_high} at 95 % confidence)")?;
+        write!(f, "estimated from {frames} frames: noise {noise} in, error {error} out, {gain_db:.1} dB less ")?;
+        write!(f, "(up to {error_high} at 95 % confidence)")?;
         if *as_it_was > 0.01 {
             write!(f, "; {:.0} % of the picture is much as it was", 100.0 * as_it_was)?;
         }
@@ -266,7 +265,7 @@ impl Report {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { output, method, denoised, skipped, renewed, failed, cuts, filled, filled_frames, .. } = self;
-        let Self { estimate, seconds, seconds_denoising, .. } = self;
+        let Self { estimate, compared, seconds, seconds_denoising, .. } = self;
         let way = method.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
         let output = output.display();
         match (self.still, denoised) {
@@ -290,8 +289,14 @@ impl fmt::Display for Report {
             };
             write!(f, "\n  {filled} pixels{frames} were NaN or infinite, and were filled in from those around")?;
         }
-        if let Some(estimate) = estimate {
-            write!(f, "\n  {estimate}")?;
+        match (estimate, compared) {
+            (Some(estimate), _) => write!(f, "\n  {estimate}")?,
+            (None, 0) => {}
+            (None, _) => write!(
+                f,
+                "\n  noise and error cannot be told from these frames: something moves or flickers that the motion \
+                 does not tell, texture is as fine as pixels, or the noise of pixels is not independent"
+            )?,
         }
         Ok(())
     }
@@ -391,6 +396,7 @@ impl Denoise {
             at_rest: done.at_rest,
             alpha_contradicts: done.contradiction.is_some(),
             estimate: Accuracy::of(done.estimate),
+            compared: done.estimate.1,
             seconds,
             seconds_denoising: done.seconds,
             still: input.is_still(),

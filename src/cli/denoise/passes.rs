@@ -31,15 +31,25 @@ pub fn thumbnail(color: &[Vec3], [width, height]: [usize; 2]) -> Thumbnail {
     sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
 }
 
-/// Share of the light of two pictures that lies elsewhere in the other, above which a cut lies between them.
+/// Change above which a cut lies between two pictures.
 const CUT: f32 = 0.5;
+/// Change above which a cut lies between two pictures at rest, if it is so many times the change before.
+const JUMP: f32 = 0.12;
+const TIMES: f32 = 4.0;
 
-/// True if two pictures show different shots.
-pub fn is_cut(a: &Thumbnail, b: &Thumbnail) -> bool {
+/// Returns the share of the light of two pictures that lies elsewhere in the other.
+fn change(a: &Thumbnail, b: &Thumbnail) -> f32 {
     let pairs = || a.iter().zip(b);
     let apart: f32 = pairs().map(|(a, b)| (*a - *b).abs().element_sum()).sum();
     let all: f32 = pairs().map(|(a, b)| (*a + *b).element_sum()).sum();
-    apart > CUT * all
+    apart / all.max(f32::MIN_POSITIVE)
+}
+
+/// True if two pictures of this change show different shots. `before` is the change between the two before, and
+/// `at_rest` tells whether both would be the same picture but for the noise.
+fn is_cut(change: f32, before: Option<f32>, at_rest: impl Fn() -> bool) -> bool {
+    let jumps = |before: f32| change > JUMP && change > TIMES * before;
+    change > CUT || before.is_some_and(jumps) && at_rest()
 }
 
 /// Frames in one direction of time.
@@ -47,13 +57,18 @@ pub fn is_cut(a: &Thumbnail, b: &Thumbnail) -> bool {
 struct Course {
     /// The frame before in this direction: number, thumbnail, and its motion to the frame before in the other direction.
     last: Option<(u32, Thumbnail, Option<Vec<Vec2>>)>,
+    /// Change between the two frames before, unless a cut lies between them.
+    change: Option<f32>,
 }
 
 impl Course {
     /// Returns the motion of the next frame to the one before, and whether a cut lies between them.
     fn next<'s>(&mut self, number: u32, view: &'s View, find_cuts: bool) -> (Option<Cow<'s, [Vec2]>>, bool) {
         let small = thumbnail(&view.layers[0].color, view.size);
-        let cut = find_cuts && self.last.as_ref().is_some_and(|(_, last, _)| is_cut(last, &small));
+        let change = self.last.as_ref().map(|(_, last, _)| change(last, &small));
+        let differs = |change| is_cut(change, self.change, || view.moved.is_zero());
+        let cut = find_cuts && change.is_some_and(differs);
+        self.change = change.filter(|_| !cut);
         let last = self.last.replace((number, small, view.moved.away.clone())).filter(|_| !cut);
         // A motion spans as many frames as lie between.
         let gap = last.as_ref().map_or(1, |(last, ..)| last.abs_diff(number).max(1)) as f32;
@@ -177,18 +192,29 @@ mod tests {
 
     #[test]
     fn cuts_are_told_from_motion_and_noise() {
-        let picture = |at: f32, noise: u32| -> Vec<Vec3> {
+        let picture = |at: f32, bright: f32, noise: u32| -> Thumbnail {
             let color = |i: usize| {
                 let (x, y) = ((i % 64) as f32, (i / 64) as f32);
-                let lit = (-((x - at).powi(2) + (y - 30.0).powi(2)) / 200.0).exp();
-                let random = (i as u32).wrapping_mul(0x9E37_79B9).wrapping_add(noise.wrapping_mul(0x85EB_CA6B)) >> 24;
+                let lit = bright * (-((x - at).powi(2) + (y - 30.0).powi(2)) / 200.0).exp();
+                let random = (i as u32).wrapping_mul(0x9E37_79B9).wrapping_add(noise.wrapping_mul(0x85EB_CA6B));
+                let random = (random ^ (random >> 15)).wrapping_mul(0x2C1B_3C6D) >> 24;
                 Vec3::splat(lit * random as f32 / 128.0)
             };
-            (0..64 * 60).map(color).collect()
+            thumbnail(&(0..64 * 60).map(color).collect::<Vec<_>>(), [64, 60])
         };
-        let small = |at, noise| thumbnail(&picture(at, noise), [64, 60]);
-        assert!(!is_cut(&small(20.0, 1), &small(22.0, 2)));
-        assert!(is_cut(&small(20.0, 1), &small(55.0, 2)));
-        assert!(!is_cut(&vec![Vec3::ZERO; 256], &vec![Vec3::ZERO; 256]));
+        let first = picture(20.0, 1.0, 1);
+        let noise = change(&first, &picture(20.0, 1.0, 2));
+        let cut = |to: &Thumbnail, before, at_rest| is_cut(change(&first, to), Some(before), || at_rest);
+        assert!(!cut(&picture(20.0, 1.0, 3), noise, true));
+        assert!(!cut(&picture(22.0, 1.0, 3), noise, true));
+        assert!(cut(&picture(55.0, 1.0, 3), noise, false));
+        assert_eq!(change(&vec![Vec3::ZERO; 256], &vec![Vec3::ZERO; 256]), 0.0);
+        // A light that is halved, and a mirrored shot, jump out of what changes by noise; not so where that is as much, and
+        // where a motion may explain it.
+        for other in [picture(20.0, 0.5, 3), picture(40.0, 1.0, 3)] {
+            let found = change(&first, &other);
+            assert!(cut(&other, noise, true) && found > TIMES * noise, "{found} {noise}");
+            assert!(found > CUT || !cut(&other, found, true) && !cut(&other, noise, false));
+        }
     }
 }
