@@ -305,7 +305,7 @@ class Renewed(Report):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Accuracy:
+class Accuracy(Report):
     """Noise that came in and error that is left, as frames tell them without a reference: root mean squares."""
 
     frames: int
