@@ -294,8 +294,9 @@ impl fmt::Display for Report {
             (None, 0) => {}
             (None, _) => write!(
                 f,
-                "\n  noise and error cannot be told from these frames: something moves or flickers that the motion \
-                 does not tell, texture is as fine as pixels, or the noise of pixels is not independent"
+                "\n  noise and error cannot be told from these frames: the error is too small for so few pixels, something \
+                 moves or flickers that the motion does not tell, texture is as fine as pixels, or the noise of pixels is \
+                 not independent"
             )?,
         }
         Ok(())
