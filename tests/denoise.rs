@@ -285,6 +285,7 @@ fn errors_are_told_or_said_to_be_unknown() {
     let spot: Picture = |t, x, y| (-((x - 15.0 - 2.5 * t).powi(2) + (y - 45.0).powi(2)) / 150.0).exp();
     let shades: Picture = |t, x, y| shade(t, x - 0.37 * t, y - 0.21 * t);
     let fast: Picture = |t, x, y| 0.5 + 0.2 * (2.6 * (x - 0.37 * t)).sin() * (2.4 * (y - 0.21 * t)).sin();
+    let flicker: Picture = |t, x, y| shade(t, x, y) * (1.0 + 0.03 * (7.3 * t * t).sin());
     let slow = Vec2::new(0.37, 0.21);
     // The last numbers are the least and the largest difference in decibels of what is told: errors a hundredth of the
     // noise and less are of the size of chance.
@@ -296,6 +297,7 @@ fn errors_are_told_or_said_to_be_unknown() {
         ("checkers", checkers, Vec2::ZERO, 0.0, None),
         ("spot without motion", spot, Vec2::ZERO, 0.01, None),
         ("fast waves", fast, slow, 0.001, None),
+        ("flicker", flicker, Vec2::ZERO, 0.05, None),
     ] {
         let Drawn { truth, frames, found, estimates } = drawn(picture, deviation, motion, false);
         assert!(estimates[0].is_none() && estimates[FRAMES as usize - 1].is_none(), "{name}");

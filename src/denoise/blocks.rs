@@ -274,3 +274,39 @@ fn interpolate([a, b, c, d]: [f32; 4]) -> Lanes {
     let (left, right) = (Lanes([a, a, b, b, b, b, c, c]), Lanes([b, b, c, c, c, c, d, d]));
     left + (right - left) * PARTS
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix4;
+
+    /// Degrees of freedom are the trace of (R + ridge)⁻¹ R: nearly four where features differ, and fewer where the ridge
+    /// decides.
+    #[test]
+    fn degrees_of_freedom_are_a_trace() {
+        for spread in [1.0_f64, 0.03, 0.01] {
+            let mut information = Matrix4::<f64>::zeros();
+            for i in 0..200 {
+                let wave = |k: f64| (f64::from(i) * k).sin();
+                let z = [0.8 + 0.3 * spread * wave(0.7), 0.5 + spread * wave(1.3), 0.4 + spread * wave(2.9)];
+                let row = nalgebra::Vector4::new(1.0, z[0], z[1], z[2]);
+                information += row * row.transpose();
+            }
+            let mut terms = [Lanes::ZERO; TERMS];
+            let places = (0..4).flat_map(|row| (row..4).map(move |column| (row, column)));
+            for (term, place) in terms.iter_mut().zip(places) {
+                *term = Lanes([information[place] as f32; LANES]);
+            }
+            // The wider neighbourhood is three times as large, and brighter.
+            let wide: [Lanes; 4] = std::array::from_fn(|i| terms[DIAGONAL[i]] * if i == 0 { 3.0 } else { 6.0 });
+            let ridge = Matrix4::from_diagonal(&nalgebra::Vector4::from_fn(|i, _| {
+                information[(i, i)] * f64::from(RIDGE) * if i == 0 { 2.0 } else { 3.0 }
+            }));
+            let wanted = ((information + ridge).try_inverse().unwrap() * information).trace();
+            let found = f64::from(solve(&terms, &wide).1.0[3]);
+            println!("{spread}: {found} of {wanted}");
+            assert!((found - wanted).abs() < 0.02, "{spread}: {found}, {wanted}");
+        }
+    }
+}

@@ -60,8 +60,8 @@ impl Denoiser {
         }))
     }
 
-    /// Returns the denoiser so that it maps the noise that comes in and the error that is left around each pixel, as far
-    /// as [`Method::Wrls2`] can tell them; the other methods cannot.
+    /// Returns the denoiser so that it maps the noise that comes in and the error that is left around each pixel, as
+    /// far as [`Method::Wrls2`] can tell them; the other methods cannot.
     #[must_use]
     pub fn with_map(mut self) -> Self {
         if let Engine::Guided(engine) = &mut self.0 {

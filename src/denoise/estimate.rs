@@ -1,9 +1,9 @@
 //! Estimate of the noise that comes in with a frame and of the error that is left, from what the frame shows alone.
 //!
-//! The residual's square is the sum of the noise's and of the denoiser's error, and the product of a pixel's differences
-//! from the frames before and after is the square of its noise ([`difference`](super::difference)). Their difference is
-//! on average the error's square, and most of the chance in both is the same and cancels. Where a share s of the
-//! residual comes back, (1 - s)² of the error is left and s² of the noise.
+//! The residual's square is the sum of the noise's and of the denoiser's error, and the product of a pixel's
+//! differences from the frames before and after is the square of its noise ([`difference`](super::difference)). Their
+//! difference is on average the error's square, and most of the chance in both is the same and cancels. Where a share s
+//! of the residual comes back, (1 - s)² of the error is left and s² of the noise.
 //!
 //! Denoised colors hold a little of their own noise, since models are learned from it: as large a share as a model's
 //! degrees of freedom are of the samples that it rests on. Twice that is added (Mallows 1973).
@@ -59,8 +59,8 @@ pub struct Estimate {
     as_it_was: f64,
 }
 
-/// Sums over a row of blocks: the squares of the denoised colors, those of the differences from both sides, and those of
-/// the differences' sums over blocks.
+/// Sums over a row of blocks: the squares of the denoised colors, those of the differences from both sides, and those
+/// of the differences' sums over blocks.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Row {
     pub power: f64,
@@ -109,8 +109,8 @@ impl Estimate {
         }
     }
 
-    /// True if the frames around show the same signal, with noise that is independent, and leave an error that is more
-    /// than chance may hide.
+    /// True if the frames around show the same signal, with noise that is independent, and the error's square does not
+    /// come out negative, which shows that it is too small to be told from chance.
     pub fn fits(&self) -> bool {
         let chance = self.blocks.max(1.0).sqrt().recip();
         let is_within = |found: f64, all: f64, [least, most]: [f64; 2], chance: f64| {
@@ -141,8 +141,8 @@ impl Estimate {
         self.root(self.error.max(0.0) + DEVIATIONS * (CORRELATION * self.chance).sqrt())
     }
 
-    /// Returns the share of the picture, as far as it is not empty, that is much as it was: it has no noise, or the frames
-    /// around do not show it.
+    /// Returns the share of the picture, as far as it is not empty, that is much as it was: it has no noise, or the
+    /// frames around do not show it.
     pub fn as_it_was(&self) -> f64 {
         self.as_it_was / self.blocks.max(1.0)
     }
@@ -209,20 +209,21 @@ pub fn map_row([pixels, noise, residual]: [&[Lanes]; 3], shares: &[f32], fits: b
 mod tests {
     use super::*;
 
-    fn row(noise: f32, residual: f32, share: f32, apart: f64) -> Estimate {
+    fn row(noise: f32, residual: f32, share: f32, [apart, pooled]: [f64; 2]) -> Estimate {
         let [pixels, noise, residual, shares, own] = [16.0, noise, residual, share, 0.0].map(|value| vec![value; 500]);
         let motions = &[];
         let blocks =
             Blocks { pixels: &pixels, noise: &noise, residual: &residual, shares: &shares, own: &own, motions };
-        Estimate::of_row(blocks, Row { power: 48.0 * 500.0, apart, pooled: apart })
+        Estimate::of_row(blocks, Row { power: 48.0 * 500.0, apart, pooled })
     }
 
-    /// What a share of the residual brings back is noise, and the error that it takes away is gone.
+    /// The error is what the residual has over the noise. Where a share of the residual comes back, less of that is left,
+    /// and as much of the noise is added.
     #[test]
     fn error_is_residual_less_noise() {
         let [noise, error] = [0.04, 0.01].map(|square: f32| square * 48.0);
         for (share, expected) in [(0.0, 0.1), (1.0, 0.2), (0.5, (0.25 * (0.01 + 0.04_f64)).sqrt())] {
-            let found = row(noise, noise + error, share, 0.08 * 48.0 * 500.0);
+            let found = row(noise, noise + error, share, [0.08 * 48.0 * 500.0; 2]);
             assert!(found.fits() && (found.noise() - 0.2).abs() < 1e-5, "{found:?}");
             assert!(
                 (found.error() - expected).abs() < 1e-5 && found.error_high() > found.error(),
@@ -235,9 +236,12 @@ mod tests {
     /// Neither frames without noise nor frames that are alike tell any; nor do those that show another signal.
     #[test]
     fn frames_that_do_not_fit_tell_nothing() {
-        assert!(!Estimate::default().fits() && !row(0.0, 0.1, 0.0, 0.0).fits());
+        assert!(!Estimate::default().fits() && !row(0.0, 0.1, 0.0, [0.0; 2]).fits());
+        assert!(row(1.0, 1.1, 0.0, [1000.0; 2]).fits() && !row(1.0, 0.9, 0.0, [1000.0; 2]).fits());
         for factor in [0.5, 1.5] {
-            assert!(!row(1.0, 1.1, 0.0, factor * 2.0 * 500.0).fits());
+            // Differences of another size, and those that neighbours share or that cancel among them.
+            assert!(!row(1.0, 1.1, 0.0, [factor * 1000.0, 1000.0]).fits());
+            assert!(!row(1.0, 1.1, 0.0, [1000.0, factor * 1000.0]).fits());
         }
     }
 }

@@ -56,10 +56,11 @@ impl Coding {
 /// Largest number.
 pub const LARGEST: f32 = 1e5;
 
-/// What numbers are scaled by before their bits are taken: the largest has five bits of exponent then.
+/// Scale of numbers before their bits are taken, a power of two: the largest has five bits of exponent then.
 const DOWN: f32 = f32::from_bits((127 - SHIFT) << 23);
-/// What they are scaled back by.
+/// Scale by which numbers come back from their bits.
 const UP: f32 = f32::from_bits((127 + SHIFT) << 23);
+/// Exponent of both scales.
 const SHIFT: u32 = 112;
 /// Bits of a fraction that are dropped.
 const DROPPED: u32 = 12;

@@ -114,8 +114,8 @@ fn cubic(part: Lanes) -> [Lanes; 4] {
     [outer(rest), rest + half * (rest * 2.0 - part), part + half * (part * 2.0 - rest), outer(part)]
 }
 
-/// Returns the share of the variance of independent noise that is left where a picture is resampled by a motion; all of it
-/// where the motion is not a number.
+/// Returns the share of the variance of independent noise that is left where a picture is resampled by a motion; all of
+/// it where the motion is not a number.
 pub fn noise_gain(motion: Vec2) -> f32 {
     let of =
         |place: f32| cubic(Lanes([place - place.floor(); LANES])).iter().map(|share| share.0[0].powi(2)).sum::<f32>();

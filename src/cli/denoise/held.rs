@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 /// Bytes that the process may take, of which files get what the denoising leaves.
 const PROCESS_BYTES: u64 = 1280 << 20;
 /// Bytes that the denoising takes for a pixel of a layer, results that are kept and files under way included.
-const PIXEL_BYTES: u64 = 570;
+const PIXEL_BYTES: u64 = 580;
 
 /// Files by place in the sequence.
 #[derive(Debug)]

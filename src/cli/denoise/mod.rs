@@ -69,8 +69,9 @@ pub struct Denoise {
     /// Add the layer `confidence`: the number of samples that each pixel rests on
     #[arg(long)]
     confidence: bool,
-    /// Add the layers `noise` and `error`, for wrls2: the root mean square of the noise that came in and of the error that
-    /// is left around each pixel, in the units of the colors, as the frames before and after tell them; -1 where unknown
+    /// Add the layers `noise` and `error`, for wrls2: the root mean square of the noise that came in and of the error
+    /// that is left around each pixel, in the units of the colors, as the frames before and after tell them; -1 where
+    /// unknown
     #[arg(long)]
     error: bool,
     /// Frames that a frame learns from, for wrls2
@@ -211,8 +212,8 @@ struct Accuracy {
     gain_db: f64,
     /// Error over the root mean square of the denoised colors.
     relative_error: f64,
-    /// Share of the picture, as far as it is not empty, that is much as it was: it has no noise, or the frames around do
-    /// not show it.
+    /// Share of the picture, as far as it is not empty, that is much as it was: it has no noise, or the frames around
+    /// do not show it.
     as_it_was: f64,
 }
 
@@ -294,9 +295,9 @@ impl fmt::Display for Report {
             (None, 0) => {}
             (None, _) => write!(
                 f,
-                "\n  noise and error cannot be told from these frames: the error is too small for so few pixels, something \
-                 moves or flickers that the motion does not tell, texture is as fine as pixels, or the noise of pixels is \
-                 not independent"
+                "\n  noise and error cannot be told from these frames: the error is too small for so few pixels, \
+                 something moves or flickers that the motion does not tell, texture is as fine as pixels, or the noise \
+                 of pixels is not independent"
             )?,
         }
         Ok(())

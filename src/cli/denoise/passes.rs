@@ -34,7 +34,8 @@ pub fn thumbnail(color: &[Vec3], [width, height]: [usize; 2]) -> Thumbnail {
 /// Change above which a cut lies between two pictures, if it is so many times the change before: very few paths change
 /// as much from frame to frame.
 const CUT: [f32; 2] = [0.5, 1.5];
-/// The same of pictures at rest, whose change before must be known.
+/// Change above which a cut lies between two pictures at rest, if it is so many times the change before, which must be
+/// known.
 const JUMP: [f32; 2] = [0.12, 4.0];
 
 /// Returns the share of the light of two pictures that lies elsewhere in the other.
