@@ -62,6 +62,11 @@ impl Planes {
         Self { grid, planes, data: vec![0.0; grid.rows * planes * grid.stride()] }
     }
 
+    /// Blocks across.
+    pub fn columns(&self) -> usize {
+        self.grid.columns
+    }
+
     /// Numbers in a row of blocks, all planes together.
     pub fn row_len(&self) -> usize {
         self.planes * self.grid.stride()

@@ -13,9 +13,10 @@ use super::frame::{Denoised, Frame};
 use super::history::{Histories, Past};
 use super::lanes::{LANES, Lanes};
 use super::learning::{self, Lines, STATE, Sums};
+use super::noise;
 use super::outline::Outline;
 use super::packed::{Coding, Packed};
-use super::residual::{self, Residuals};
+use super::residual::Residuals;
 use super::smoothing::{self, Rows, Smoothing};
 use super::vectors::{Colors, Features, vectors};
 use crate::arch::Arch;
@@ -137,8 +138,7 @@ impl GuidedDenoiser {
         let alone = self.state.bases[..2] == [false; 2];
         let (alpha, mapped) = (outline.alpha, self.mapped);
         let own = &self.scratch.determined;
-        let denoised =
-            residual::Denoised { frame, grid, motions, own, colors, before, alpha, floor, kept, alone, mapped };
+        let denoised = noise::Denoised { frame, grid, motions, own, colors, before, alpha, floor, kept, alone, mapped };
         self.residuals.give_back(&denoised, to);
         Ok(())
     }

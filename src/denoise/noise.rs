@@ -1,0 +1,277 @@
+//! Noise of a frame, beside the residual that a denoiser leaves: sums over blocks of pixels.
+//!
+//! Three estimates are summed. The frames before and after show the same signal, and so the product of a pixel's
+//! differences from both is on average the square of its noise ([`difference`]). Second differences in both directions
+//! show it where the picture is smooth. The nearest in color of the four pixels around shows it beside edges, too, since
+//! one of them lies on the same side; it holds for noise that is independent from pixel to pixel and takes many values,
+//! and is calibrated by the first ([`Calibration`](super::signal::Calibration)).
+//!
+//! Where the frames do not show the same signal, because motion is wrong or missing, light changes, or resampling loses
+//! texture, the squares of the differences are not what noise explains of them. That excess is summed, too.
+
+use super::blocks::{BLOCK, Grid, Planes};
+use super::carried::{carry, to_planes};
+use super::difference::{self, Difference, Halved};
+use super::estimate;
+use super::frame::Frame;
+use super::history::loaded;
+use super::lanes::{LANES, Lanes, each};
+use super::layout::{MARGIN, line_of};
+use super::reprojection::noise_gain;
+use super::vectors::{Features, vectors};
+use crate::arch::Arch;
+use glam::Vec2;
+
+/// Numbers of a block: sums of this frame; those of all frames, older ones by less, of the pixels that both sides of time
+/// are known of; and those of this frame of the same pixels.
+pub const SUMS: usize = 3 * LANES;
+/// Sums of a block.
+pub type Sums = [f32; SUMS];
+
+/// Place of the noise's square by the product of two differences.
+pub const NOISE: usize = 0;
+/// Place of the noise's square by a difference's own.
+pub const DIRECT: usize = 1;
+/// Place of the residual's square.
+pub const RESIDUAL: usize = 2;
+/// Place of the square of each pixel's noise, from which the variance of the sum follows.
+pub const CHANCE: usize = 3;
+/// Place of the squares of the differences, less what the noise explains of them.
+pub const EXCESS: usize = 4;
+/// Places of the noise's square by the second differences around, by the nearest pixel, and of the residual's, of the
+/// sum of the channels.
+pub const LIGHT_NOISE: usize = 5;
+pub const LIGHT_NEAREST: usize = 6;
+pub const LIGHT: usize = 7;
+
+/// Places of the sums of all frames, and of the same sums of this one: the noise's square, the residual's, and their
+/// chance and excess as above, ...
+pub const SINCE: usize = LANES;
+pub const BOTH: usize = 2 * LANES;
+/// ... the square of each pixel's excess, ...
+pub const EXCESS_CHANCE: usize = 1;
+/// ... the squares of noise and residual that are no shares of the colors, and the count of pixels.
+pub const NOISE_POWER: usize = 5;
+pub const RESIDUAL_POWER: usize = 6;
+pub const PIXELS: usize = 7;
+
+/// Distance in pixels of those around of which the second difference is taken: filters make noise of neighbours alike.
+const STEP: usize = 2;
+/// Sum of the squares of the kernel of second differences in both directions.
+const KERNEL: f32 = 36.0;
+/// Variance of Gaussian noise over the mean of the least square of the differences from four neighbours.
+const NEAREST: f32 = 2.58;
+/// Weight of pixels of which no difference is known: they count where no others are, and their residual counts as
+/// noise.
+const UNKNOWN: f32 = 1e-4;
+
+/// A denoised frame, and what it was denoised from.
+#[derive(Debug, Clone, Copy)]
+pub struct Denoised<'d> {
+    pub frame: &'d Frame<'d>,
+    pub grid: Grid,
+    /// Mean motions of the blocks.
+    pub motions: &'d [Vec2],
+    /// Degrees of freedom of the models of the blocks, as shares of the samples that they rest on: of their own noise
+    /// denoised colors hold that much.
+    pub own: &'d Planes,
+    /// Denoised colors, row by row.
+    pub colors: &'d [Features],
+    /// Differences from the frame before, row by row.
+    pub before: &'d [Halved],
+    /// Alpha of the frame, if it counts.
+    pub alpha: Option<&'d [f32]>,
+    /// Added to the squares of colors before errors are taken as shares of them.
+    pub floor: f32,
+    /// Share of the sums that is kept.
+    pub kept: f32,
+    /// True where no other frame was learned from: the colors' own noise is in what was denoised then, and nothing
+    /// comes back.
+    pub alone: bool,
+    /// True if maps of noise and error are wanted.
+    pub mapped: bool,
+}
+
+/// Learns a row of blocks.
+pub struct Learn<'a> {
+    pub denoised: &'a Denoised<'a>,
+    /// Sums after the frame before; empty at the first frame.
+    pub before: &'a [Sums],
+    pub row: usize,
+    /// Sums of the channels, of the rows around, too.
+    pub light: &'a mut Vec<f32>,
+    pub blocks: &'a mut [Sums],
+    pub planes: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for Learn<'_> {
+    type Output = estimate::Row;
+
+    #[inline(always)]
+    fn call(self) -> estimate::Row {
+        let Self { denoised, before, row, light, blocks, planes } = self;
+        let Denoised { frame, grid, motions, kept, .. } = *denoised;
+        let top = row * BLOCK;
+        sums_of_channels(frame, top, light);
+        carry(motions, grid, before, row, blocks);
+        let of_row = add(denoised, top, light, blocks);
+        for sums in &mut *blocks {
+            (Lanes::load(sums, SINCE) * kept + Lanes::load(sums, BOTH)).store(sums, SINCE);
+        }
+        to_planes(Arch::default(), blocks, planes, grid.stride());
+        of_row
+    }
+}
+
+/// Writes the sums of the channels of the rows that a row of blocks and those around it have, line after line. What lies
+/// outside is not a number.
+#[inline(always)]
+fn sums_of_channels(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
+    let [width, height] = frame.size;
+    let line = line_of(width);
+    lines.resize((BLOCK + 2 * STEP) * line, f32::NAN);
+    for (at, to) in lines.chunks_exact_mut(line).enumerate() {
+        to.fill(f32::NAN);
+        let Some(y) = (top + at).checked_sub(STEP).filter(|y| *y < height) else { continue };
+        for (to, color) in to[MARGIN..].iter_mut().zip(&frame.color[y * width..][..width]) {
+            *to = (color.x + color.y) + color.z;
+        }
+    }
+}
+
+/// Writes the sums of the pixels of a row of blocks. Returns those of the row.
+#[inline(always)]
+fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) -> estimate::Row {
+    let Denoised { frame, grid, motions, colors, before, floor, .. } = *denoised;
+    let motions = motions.get(top / BLOCK * grid.columns..).unwrap_or_default();
+    let [width, height] = frame.size;
+    let (groups, line) = (vectors(width), line_of(width));
+    let count = BLOCK.min(height - top);
+    let one = Lanes([1.0; LANES]);
+    let mut of_row = estimate::Row::default();
+    for (at, blocks) in blocks.chunks_mut(LANES / BLOCK).enumerate() {
+        let gain = |of: usize| motions.get(at * (LANES / BLOCK) + of).map_or(1.0, |motion| noise_gain(*motion));
+        let gains: [f32; LANES / BLOCK] = each(gain);
+        let gains = Lanes(each(|lane| gains[lane / BLOCK]));
+        let mut all = [[Lanes::ZERO; LANES]; 2];
+        let [mut powers, mut apart] = [Lanes::ZERO; 2];
+        let mut differences = [[Lanes::ZERO; 3]; 2];
+        for row in 0..count {
+            let pixels = &frame.color[(top + row) * width..][..width][at * LANES..];
+            let (color, seen) = loaded(&pixels[..LANES.min(pixels.len())]);
+            let found = &colors[(top + row) * groups + at];
+            let before = difference::whole(&before[(top + row) * groups + at]);
+            let after = match frame.ahead {
+                Some(ahead) => difference::whole(&ahead.differences[(top + row) * groups + at]),
+                None => Difference::default(),
+            };
+            let residual: [Lanes; 3] = each(|c| (color[c] - found[c]) * seen);
+            let squares = dot(&residual, &residual);
+            let [noise, direct] = noise(&residual, squares, &before, &after);
+            let power = dot(found, found);
+            let weight = seen / (power + Lanes([floor; LANES]));
+            let sum = (residual[0] + residual[1]) + residual[2];
+            let (left, square) = (MARGIN + at * LANES, sum * sum);
+            let [shown, is_shown, nearest] = around(&light[row * line..], line, left);
+            let nearest = is_shown.select(nearest, square);
+            let shown = is_shown.select(shown, square);
+            let unknown = Lanes([UNKNOWN; LANES]);
+            let known = weight * before[3].max(after[3]).max(unknown);
+            let is_shown = weight * is_shown.max(unknown);
+            let chance = noise * known;
+            let both = seen * before[3] * after[3];
+            let is_known = before[3].max(after[3]);
+            // Means over the sides that are known.
+            let sides = (before[3] + after[3]).max(one);
+            let own = (dot(&before, &before) + dot(&after, &after)) / sides;
+            let excess = (own - noise * (gains + 1.0)) * weight * is_known;
+            let terms = [
+                [
+                    chance,
+                    direct * known,
+                    squares * known,
+                    chance * chance,
+                    excess,
+                    shown * is_shown,
+                    nearest * is_shown,
+                    square * is_shown,
+                ],
+                [
+                    chance,
+                    excess * excess * both,
+                    squares * known,
+                    chance * chance,
+                    excess * both,
+                    noise * both,
+                    squares * both,
+                    both,
+                ],
+            ];
+            for (sum, term) in all.iter_mut().flatten().zip(terms.into_iter().flatten()) {
+                *sum += term;
+            }
+            powers += power * both;
+            apart += own * both;
+            for (sums, side) in differences.iter_mut().zip([&before, &after]) {
+                for (sum, channel) in sums.iter_mut().zip(side) {
+                    *sum += *channel * both;
+                }
+            }
+        }
+        of_row.power += f64::from(powers.0.iter().sum::<f32>());
+        of_row.apart += f64::from(apart.0.iter().sum::<f32>());
+        for (sums_of, to) in all.iter().zip([0, BOTH]) {
+            let pixels = Arch::default().transposed(&sums_of.map(|sum| sum.0));
+            for (block, sums) in pixels.chunks(BLOCK).zip(&mut *blocks) {
+                let sum = (Lanes(block[0]) + Lanes(block[1])) + (Lanes(block[2]) + Lanes(block[3]));
+                sum.store(sums, to);
+            }
+        }
+        for (of, sums) in blocks.iter_mut().enumerate() {
+            let of_block = |lanes: &Lanes| lanes.0[of * BLOCK..][..BLOCK].iter().sum::<f32>();
+            let squares = differences.iter().flatten().map(|sum| f64::from(of_block(sum)).powi(2));
+            of_row.pooled += 0.5 * squares.sum::<f64>();
+        }
+    }
+    of_row
+}
+
+#[inline(always)]
+fn dot(a: &[Lanes], b: &[Lanes]) -> Lanes {
+    (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+}
+
+/// Returns the square of the noise of eight pixels: by the product of the differences from both sides of time, where
+/// both are known; else by that of residual and difference, and by half of the difference's own square; else the
+/// residual's square.
+#[inline(always)]
+fn noise(residual: &[Lanes; 3], squares: Lanes, before: &Difference, after: &Difference) -> [Lanes; 2] {
+    let ([a @ .., is_before], [b @ .., is_after]) = (before, after);
+    let both = *is_before * *is_after;
+    // What is not known is 0.
+    let other = Lanes([1.0; LANES]) - *is_before;
+    let one: [Lanes; 3] = each(|c| a[c] + b[c] * other);
+    let any = is_before.max(*is_after);
+    let product = dot(a, b);
+    let of = |single: Lanes| both.select(product, any.select(single, squares));
+    [of(dot(residual, &one)), of(dot(&one, &one) * 0.5)]
+}
+
+/// Returns the square of the noise of eight pixels by what is around them, from lines of second differences that begin
+/// above them, and 1 where that is known.
+#[inline(always)]
+fn around(lines: &[f32], line: usize, left: usize) -> [Lanes; 3] {
+    let at = |row: usize, column: usize| Lanes::load(lines, row * line + left + column - STEP);
+    let second = |row: usize| (at(row, 0) + at(row, 2 * STEP)) - at(row, STEP) * 2.0;
+    let both = (second(0) + second(2 * STEP)) - second(STEP) * 2.0;
+    let own = at(STEP, STEP);
+    let near = [(STEP - 1, STEP), (STEP, STEP - 1), (STEP, STEP + 1), (STEP + 1, STEP)].map(|(row, column)| {
+        let apart = own - at(row, column);
+        apart * apart
+    });
+    // Numbers that are none win no comparison.
+    let nearest = near[0].min(near[1]).min(near[2]).min(near[3]) * NEAREST;
+    let noise = both * both / Lanes([KERNEL; LANES]);
+    let known = Lanes(each(|lane| if noise.0[lane].is_finite() { 1.0 } else { 0.0 }));
+    [known.select(noise, Lanes::ZERO), known, known.select(nearest, Lanes::ZERO)]
+}

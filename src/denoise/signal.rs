@@ -1,0 +1,259 @@
+//! Share of the residual that is signal.
+//!
+//! Several estimates of the noise hold under different assumptions ([`noise`](super::noise)). Each alone can show that a
+//! residual is more than noise: the frame's own, that of all frames so far, and that of smooth surroundings. That of the
+//! nearest pixel takes the place of the frame's own where the frames around show another signal.
+
+use super::blocks::{Planes, Pool};
+use super::lanes::{LANES, Lanes, each};
+use super::noise::{CHANCE, DIRECT, EXCESS, EXCESS_CHANCE, LIGHT, LIGHT_NEAREST, LIGHT_NOISE, NOISE, RESIDUAL, SINCE};
+use super::reprojection::noise_gain;
+use glam::Vec2;
+
+/// Blocks to each side over which sums are pooled.
+pub const POOL: usize = 2;
+/// Standard deviations of the noise's square that are added to it, so that chance seldom takes noise for signal: of a
+/// frame alone, which tells sudden errors, and of all.
+const DEVIATIONS: [f32; 2] = [1.25, 0.75];
+/// Shares of noise in the residual, by a difference's own square, between which the other estimate takes over where one
+/// side of time is known.
+const ONE_SIDED: [f32; 2] = [0.25, 0.45];
+/// Noise that second differences show, as a multiple: texture is more often taken for noise than noise for texture.
+const AROUND: f32 = 1.25;
+/// Noise that nearest pixels show, as a multiple at least.
+const NEAREST: f32 = 1.1;
+/// Standard deviations of the excess by chance from which on it shows another signal: where that is rare in a picture,
+/// and where it is common, as the root mean square of the excess over its deviation tells, which lies between these.
+const BEYOND: [f32; 2] = [2.0, 0.25];
+const COMMON: [f64; 2] = [1.0, 2.0];
+/// Excess over its deviation at most.
+const MOST: f32 = 4.0;
+/// Excess over these as a share of the noise's square, from which on nothing but another signal explains it.
+const OTHER: f32 = 0.1;
+/// Shares of the noise that lie where the frames show the same signal, between which calibration comes to count.
+const FITTING: [f64; 2] = [0.05, 0.25];
+/// Share of what resampling averages away of noise that counts as noise that neighbours share.
+const SPREAD: f32 = 0.5;
+/// Least residual, where there is none.
+const LEAST: f32 = 1e-30;
+
+/// Sums of eight neighbourhoods.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    /// Share of the variance of independent noise that resampling averages away.
+    averaged: Lanes,
+    /// Sums of the frame.
+    noise: Lanes,
+    direct: Lanes,
+    residual: Lanes,
+    chance: Lanes,
+    excess: Lanes,
+    light_noise: Lanes,
+    light_nearest: Lanes,
+    light: Lanes,
+    /// Sums of all frames.
+    noises: Lanes,
+    residuals: Lanes,
+    chances: Lanes,
+    excesses: Lanes,
+    excess_chances: Lanes,
+}
+
+impl Sums {
+    /// Calls `with` for each vector of a row of neighbourhoods.
+    #[inline(always)]
+    fn of_row(sums: &Planes, motions: &[Vec2], row: usize, pool: &mut Pool, mut with: impl FnMut(usize, &Self)) {
+        const NOW: [usize; 8] = [NOISE, DIRECT, RESIDUAL, CHANCE, EXCESS, LIGHT_NOISE, LIGHT_NEAREST, LIGHT];
+        const OF_ALL: [usize; 5] = [NOISE, RESIDUAL, CHANCE, EXCESS, EXCESS_CHANCE];
+        let places = NOW.into_iter().chain(OF_ALL.map(|place| SINCE + place));
+        let (vectors, pooled) = pool.sums(sums, row, places.map(|plane| (plane, POOL)));
+        for vector in 0..vectors {
+            let of = |plane: usize| pooled[plane * vectors + vector];
+            let [noise, direct, residual, chance, excess, light_noise, light_nearest, light] = each(of);
+            let [noises, residuals, chances, excesses, excess_chances] = each(|plane| of(NOW.len() + plane));
+            let at = row * sums.columns() + vector * LANES;
+            let averaged = |lane: usize| motions.get(at + lane).map_or(0.0, |motion| 1.0 - noise_gain(*motion));
+            let sums = Self {
+                averaged: Lanes(each(averaged)),
+                noise,
+                direct,
+                residual,
+                chance,
+                excess,
+                light_noise,
+                light_nearest,
+                light,
+                noises,
+                residuals,
+                chances,
+                excesses,
+                excess_chances,
+            };
+            with(vector, &sums);
+        }
+    }
+
+    /// Returns the excess of the frame and that of all frames, and how much they vary by chance.
+    #[inline(always)]
+    fn excess(&self) -> [[Lanes; 2]; 2] {
+        // Where a frame is resampled, less is averaged away of noise that neighbours share.
+        let beyond = |excess: Lanes, noise: Lanes| {
+            let spread = noise * self.averaged * SPREAD;
+            (excess - spread).max(Lanes::ZERO) + excess.min(Lanes::ZERO)
+        };
+        let by_chance = self.excess_chances.sqrt();
+        let now = [beyond(self.excess, self.noise), by_chance.max(self.chance.sqrt() * DEVIATIONS[0])];
+        [now, [beyond(self.excesses, self.noises), by_chance]]
+    }
+
+    /// Returns 1 where the frames before and after show another signal, 0 where noise explains how they differ, up to so
+    /// many of the deviations by chance.
+    #[inline(always)]
+    fn other(&self, deviations: f32) -> Lanes {
+        let [now, all] = self.excess();
+        let other = |[excess, chance]: [Lanes; 2], noise: Lanes| {
+            let beyond = excess.max(Lanes::ZERO - excess) - chance * deviations;
+            (beyond / (noise.max(Lanes([LEAST; LANES])) * OTHER)).max(Lanes::ZERO).min(Lanes([1.0; LANES]))
+        };
+        other(now, self.noise).max(other(all, self.noises))
+    }
+
+    /// Returns the share of the residuals that is signal. `nearest` is the noise as a multiple of what nearest pixels
+    /// show, which counts where the excess is beyond so many deviations.
+    #[inline(always)]
+    fn signal(&self, nearest: f32, deviations: f32) -> Lanes {
+        let (one, least) = (Lanes([1.0; LANES]), Lanes([LEAST; LANES]));
+        let residual = self.residual.max(least);
+        let chance = self.chance.sqrt() * DEVIATIONS[0];
+        let product = (self.noise + chance) / residual;
+        // A difference's own square holds half of the noise of a single bright pixel, but less of what resampling
+        // misses.
+        let square = ((self.direct + (chance * 0.25).min(self.direct)) / residual).min(product);
+        let [from, to] = ONE_SIDED;
+        let part = ((square - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(one);
+        let now = square + (product - square) * part;
+        let near = self.light_nearest / self.light.max(least) * nearest;
+        let now = now + (now.min(near) - now) * self.other(deviations);
+        // Frames before and after that are more alike than their noise allows have lost the same texture: the
+        // difference between them is that of their noise.
+        let of_both = self.excesses.min(Lanes::ZERO) / (one - self.averaged);
+        let noises = (self.noises + of_both).max(Lanes::ZERO);
+        let since = (noises + self.chances.sqrt() * DEVIATIONS[1]) / self.residuals.max(least);
+        let since = self.residuals.select(since, one);
+        let around = self.light_noise * AROUND / self.light.max(least);
+        // Numbers that are none lose every comparison.
+        let signal = (one - now.min(since).min(around)).max(Lanes::ZERO).min(one);
+        // Small shares are more often chance than signal.
+        signal * signal * (Lanes([3.0; LANES]) - signal * 2.0)
+    }
+}
+
+/// Noise that nearest pixels show, beside that which frames before and after show, where these show the same signal:
+/// neighbours that are alike, by a filter or because noise takes few values, show too little.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Calibration {
+    /// Sums of the squares where the frames show the same signal.
+    by_time: f64,
+    nearest: f64,
+    /// Sum of the square that nearest pixels show everywhere.
+    all: f64,
+    /// Sum of the squares of excesses over their deviations, and count of neighbourhoods.
+    squares: f64,
+    count: f64,
+}
+
+impl Calibration {
+    /// Returns a share of this one and another together.
+    pub fn plus_share(self, share: f64, other: Self) -> Self {
+        Self {
+            by_time: share * self.by_time + other.by_time,
+            nearest: share * self.nearest + other.nearest,
+            all: share * self.all + other.all,
+            squares: share * self.squares + other.squares,
+            count: share * self.count + other.count,
+        }
+    }
+
+    /// Returns the deviations from which on an excess shows another signal.
+    fn deviations(&self) -> f32 {
+        let [rare, common] = COMMON;
+        let share = (((self.squares / self.count).sqrt() - rare) / (common - rare)).clamp(0.0, 1.0);
+        // Of nothing it is not a number.
+        let share = if share > 0.0 { share as f32 } else { 0.0 };
+        BEYOND[0] + (BEYOND[1] - BEYOND[0]) * share
+    }
+
+    /// Returns the noise as a multiple of what nearest pixels show.
+    fn factor(&self) -> f32 {
+        // Of nothing the ratio is not a number, and loses.
+        let [few, most] = FITTING;
+        let weight = ((self.nearest / self.all - few) / (most - few)).clamp(0.0, 1.0);
+        NEAREST.max((self.by_time / self.nearest).powf(weight) as f32)
+    }
+}
+
+/// Calibrates by a row of neighbourhoods.
+pub struct Calibrate<'a> {
+    pub sums: &'a Planes,
+    /// Mean motions of the blocks.
+    pub motions: &'a [Vec2],
+    pub row: usize,
+    pub pool: &'a mut Pool,
+}
+
+impl Calibrate<'_> {
+    /// Rows and columns of neighbourhoods of which one is taken, so that none are taken twice.
+    pub const STEP: usize = 2 * POOL + 1;
+}
+
+impl pulp::NullaryFnOnce for Calibrate<'_> {
+    type Output = Calibration;
+
+    #[inline(always)]
+    fn call(self) -> Calibration {
+        let Self { sums, motions, row, pool } = self;
+        let mut found = Calibration::default();
+        Sums::of_row(sums, motions, row, pool, |vector, sums| {
+            let same = Lanes([1.0; LANES]) - sums.other(BEYOND[1]);
+            let by_time = sums.light * sums.noises / sums.residuals.max(Lanes([LEAST; LANES])) * same;
+            let all = sums.residuals.select(sums.light_nearest, Lanes::ZERO);
+            let nearest = all * same;
+            let [now, of_all] = sums.excess();
+            let [excess, chance]: [Lanes; 2] = each(|i| of_all[1].select(of_all[i], now[i]));
+            for lane in (0..LANES).filter(|lane| (vector * LANES + lane) % Self::STEP == POOL) {
+                found.by_time += f64::from(by_time.0[lane]);
+                found.nearest += f64::from(nearest.0[lane]);
+                found.all += f64::from(all.0[lane]);
+                if chance.0[lane] > 0.0 {
+                    found.squares += f64::from((excess.0[lane].abs() / chance.0[lane]).min(MOST)).powi(2);
+                    found.count += 1.0;
+                }
+            }
+        });
+        found
+    }
+}
+
+/// Solves for the shares of a row of blocks.
+pub struct Solve<'a> {
+    pub sums: &'a Planes,
+    /// Mean motions of the blocks.
+    pub motions: &'a [Vec2],
+    pub row: usize,
+    pub pool: &'a mut Pool,
+    pub calibration: Calibration,
+    pub shares: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for Solve<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { sums, motions, row, pool, calibration, shares } = self;
+        let (nearest, deviations) = (calibration.factor(), calibration.deviations());
+        Sums::of_row(sums, motions, row, pool, |vector, sums| {
+            sums.signal(nearest, deviations).store(shares, vector * LANES)
+        });
+    }
+}
