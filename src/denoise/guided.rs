@@ -136,7 +136,7 @@ impl GuidedDenoiser {
         let (colors, floor) = (&self.scratch.features[..], learning::error_floor(self.state.level));
         let (before, motions) = (&self.scratch.differences[..], &self.scratch.motions[..]);
         let alone = self.state.bases[..2] == [false; 2];
-        let (alpha, mapped) = (outline.alpha, self.mapped);
+        let (alpha, mapped) = (outline.exact, self.mapped);
         let own = &self.scratch.determined;
         let denoised = noise::Denoised { frame, grid, motions, own, colors, before, alpha, floor, kept, alone, mapped };
         self.residuals.give_back(&denoised, to);

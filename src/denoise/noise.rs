@@ -79,7 +79,7 @@ pub struct Denoised<'d> {
     pub colors: &'d [Features],
     /// Differences from the frame before, row by row.
     pub before: &'d [Halved],
-    /// Alpha of the frame, if it counts.
+    /// Alpha of the frame, if it is exact.
     pub alpha: Option<&'d [f32]>,
     /// Added to the squares of colors before errors are taken as shares of them.
     pub floor: f32,
@@ -227,7 +227,7 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
                 sum.store(sums, to);
             }
         }
-        for (of, sums) in blocks.iter_mut().enumerate() {
+        for of in 0..blocks.len() {
             let of_block = |lanes: &Lanes| lanes.0[of * BLOCK..][..BLOCK].iter().sum::<f32>();
             let squares = differences.iter().flatten().map(|sum| f64::from(of_block(sum)).powi(2));
             of_row.pooled += 0.5 * squares.sum::<f64>();
@@ -257,8 +257,8 @@ fn noise(residual: &[Lanes; 3], squares: Lanes, before: &Difference, after: &Dif
     [of(dot(residual, &one)), of(dot(&one, &one) * 0.5)]
 }
 
-/// Returns the square of the noise of eight pixels by what is around them, from lines of second differences that begin
-/// above them, and 1 where that is known.
+/// Returns the square of the noise of eight pixels by second differences, 1 where these are known, and the square by the
+/// nearest of the four pixels around, from lines of the sums of the channels that begin above them.
 #[inline(always)]
 fn around(lines: &[f32], line: usize, left: usize) -> [Lanes; 3] {
     let at = |row: usize, column: usize| Lanes::load(lines, row * line + left + column - STEP);

@@ -14,19 +14,27 @@ const LEAST_EMPTY: f32 = 1.0 / 256.0;
 const PROPORTIONAL: [f32; 2] = [0.1, 10.0];
 /// Alphas between which a pixel and all around it lie for its noise to be told from an outline.
 const PARTIAL: [f32; 2] = [0.02, 0.98];
-/// Variance of the noise as a share of `α (1 - α)`, which is that of one path that ends in the volume or does not, above which
-/// few paths sampled alpha: where alpha is partial all around, and in the whole picture, whose outlines count as noise.
-const SAMPLED: [f64; 2] = [0.01, 0.15];
+/// Variance of the noise as a share of `α (1 - α)`, which is that of one path that ends in the volume or does not, above
+/// which few paths sampled alpha: where alpha is partial all around, and in the whole picture. By second differences the
+/// finest outlines count as noise, ...
+const NOISY: [f64; 2] = [0.01, 0.15];
+/// ... and by the lesser estimate they do not.
+const SAMPLED: [f64; 2] = [0.005, 0.12];
 /// Relative variance of alpha's noise, as a share of that of the colors, up to which alpha guides all the same.
 const CLEANER: f64 = 0.35;
-/// Sum of the squares of the kernel that noise is measured by.
+/// Variance of Gaussian noise over the mean of the least square of the differences from four neighbours.
+const NEAREST: f32 = 2.58;
+/// Sum of the squares of the kernel of second differences in both directions.
 const KERNEL: f32 = 36.0;
 
 /// Guide that a frame has.
 #[derive(Debug, Clone, Copy)]
 pub struct Outline<'f> {
-    /// Alpha, if it tells anything: not if it is opaque everywhere, or noisy.
+    /// Alpha, if it tells anything: not if it is opaque everywhere, or noisy. The finest outlines count as noise, since
+    /// features that follow alpha are smoothed over more pixels.
     pub alpha: Option<&'f [f32]>,
+    /// Alpha, if it is exact: not sampled by few paths, whatever its outlines are.
+    pub exact: Option<&'f [f32]>,
     /// Weight of the prior that colors are proportional to alpha.
     pub proportional: f32,
 }
@@ -46,17 +54,25 @@ impl<'f> Outline<'f> {
         });
         let [empty, lit, clear, all] = counts.reduce(|| [0; 4], |a, b| std::array::from_fn(|i| a[i] + b[i]));
         let black = lit == 0 && empty as f32 > LEAST_EMPTY * all as f32;
-        let alpha = frame.alpha.filter(|alpha| clear > 0 && !is_noisy(alpha, frame.color, width));
-        Self { alpha, proportional: PROPORTIONAL[usize::from(black)] }
+        let alpha = frame.alpha.filter(|_| clear > 0);
+        let [is_noisy, is_sampled] = alpha.map_or([false; 2], |alpha| noisy(alpha, frame.color, width));
+        Self {
+            alpha: alpha.filter(|_| !is_noisy),
+            exact: alpha.filter(|_| !is_sampled),
+            proportional: PROPORTIONAL[usize::from(black)],
+        }
     }
 }
+
+/// Sums over pixels of the noise of alpha by both estimates, and of `α (1 - α)`.
+type Sampled = [f64; 3];
 
 /// Sums over pixels.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
-    /// Noise of alpha and `α (1 - α)`, where alpha is partial all around, and everywhere.
-    partial: [f64; 2],
-    whole: [f64; 2],
+    /// Where alpha is partial all around, and everywhere.
+    partial: Sampled,
+    whole: Sampled,
     /// Noise and square, of alpha and of the colors.
     alpha: [f64; 2],
     color: [f64; 2],
@@ -64,7 +80,6 @@ struct Sums {
 
 impl Sums {
     fn plus(self, other: Self) -> Self {
-        let plus = |a: [f64; 2], b: [f64; 2]| [a[0] + b[0], a[1] + b[1]];
         Self {
             partial: plus(self.partial, other.partial),
             whole: plus(self.whole, other.whole),
@@ -74,9 +89,24 @@ impl Sums {
     }
 }
 
-/// True if alpha was sampled by few paths, and is not much cleaner than the colors. Noise is measured by second differences in
-/// both directions (Immerkær 1996).
-fn is_noisy(alpha: &[f32], color: &[Vec3], width: usize) -> bool {
+fn plus<const N: usize>(a: [f64; N], b: [f64; N]) -> [f64; N] {
+    std::array::from_fn(|i| a[i] + b[i])
+}
+
+/// Returns the variance of noise at a place of a picture of `width`, by two estimates: by second differences in both
+/// directions (Immerkær 1996), which smooth shades do not have; and by the lesser of that and of what the nearest of four
+/// neighbours shows, one of which lies on the same side of any outline.
+fn noise(of: impl Fn(usize) -> f32, at: usize, width: usize) -> [f32; 2] {
+    let second = |at: usize| (of(at - 1) + of(at + 1)) - 2.0 * of(at);
+    let smooth = ((second(at - width) + second(at + width)) - 2.0 * second(at)).powi(2) / KERNEL;
+    let apart = |near: usize| (of(at) - of(near)).powi(2);
+    let nearest = apart(at - 1).min(apart(at + 1)).min(apart(at - width)).min(apart(at + width));
+    [smooth, smooth.min(NEAREST * nearest)]
+}
+
+/// Returns whether alpha was sampled by few paths, and is not much cleaner than the colors: where the finest outlines
+/// count as noise, and where they do not.
+fn noisy(alpha: &[f32], color: &[Vec3], width: usize) -> [bool; 2] {
     let height = alpha.len() / width;
     let looked = || (1..height.saturating_sub(1)).step_by(LOOK);
     let light = |at: usize| Some(color[at].element_sum().abs()).filter(|light| light.is_finite()).unwrap_or(0.0);
@@ -86,14 +116,10 @@ fn is_noisy(alpha: &[f32], color: &[Vec3], width: usize) -> bool {
     // Compressed, so that a few bright pixels are not all of the noise.
     let mean = (sum / count.max(1.0)) as f32 + f32::MIN_POSITIVE;
     let shown = |at: usize| light(at) / (light(at) + mean);
-    let noise = |of: &dyn Fn(usize) -> f32, at: usize| {
-        let second = |at: usize| (of(at - 1) + of(at + 1)) - 2.0 * of(at);
-        ((second(at - width) + second(at + width)) - 2.0 * second(at)).powi(2) / KERNEL
-    };
     let of_row = |y: usize| {
         let mut sums = Sums::default();
         for at in y * width + 1..(y + 1) * width - 1 {
-            let (own, apart) = (alpha[at], noise(&|at| alpha[at], at));
+            let (own, [apart, least]) = (alpha[at], noise(|at| alpha[at], at, width));
             if !(own + apart).is_finite() {
                 continue;
             }
@@ -101,11 +127,11 @@ fn is_noisy(alpha: &[f32], color: &[Vec3], width: usize) -> bool {
             let all = rows.into_iter().flat_map(|at| &alpha[at - 1..at + 2]);
             let [low, high] = all.fold([1.0_f32, 0.0], |[low, high], v| [low.min(*v), high.max(*v)]);
             let inside = if low > PARTIAL[0] && high < PARTIAL[1] { 1.0 } else { 0.0 };
-            let most = own * (1.0 - own);
-            add(&mut sums.partial, [inside * apart, inside * most]);
-            add(&mut sums.whole, [apart, most]);
+            let sampled = [apart, least, own * (1.0 - own)];
+            add(&mut sums.partial, sampled.map(|term| inside * term));
+            add(&mut sums.whole, sampled);
             add(&mut sums.alpha, [apart, own * own]);
-            add(&mut sums.color, [noise(&shown, at), shown(at).powi(2)]);
+            add(&mut sums.color, [noise(shown, at, width)[0], shown(at).powi(2)]);
         }
         sums
     };
@@ -113,13 +139,16 @@ fn is_noisy(alpha: &[f32], color: &[Vec3], width: usize) -> bool {
     let sums: Vec<Sums> = rows.into_par_iter().map(of_row).collect();
     // In order, so that the sum is the same for any number of threads.
     let sums = sums.into_iter().fold(Sums::default(), Sums::plus);
-    let exceeds = |[noise, all]: [f64; 2], share: f64| noise > share * all;
-    let is_sampled = exceeds(sums.partial, SAMPLED[0]) || exceeds(sums.whole, SAMPLED[1]);
     let [[alpha, alphas], [color, colors]] = [sums.alpha, sums.color];
-    is_sampled && alpha * colors > CLEANER * color * alphas
+    let is_no_cleaner = alpha * colors > CLEANER * color * alphas;
+    let exceeds = |sums: Sampled, estimate: usize, share: f64| sums[estimate] > share * sums[2];
+    let is_sampled = |estimate: usize, [partial, whole]: [f64; 2]| {
+        exceeds(sums.partial, estimate, partial) || exceeds(sums.whole, estimate, whole)
+    };
+    [is_no_cleaner && is_sampled(0, NOISY), is_no_cleaner && is_sampled(1, SAMPLED)]
 }
 
-fn add(sums: &mut [f64; 2], terms: [f32; 2]) {
+fn add<const N: usize>(sums: &mut [f64; N], terms: [f32; N]) {
     for (sum, term) in sums.iter_mut().zip(terms) {
         *sum += f64::from(term);
     }
@@ -156,7 +185,9 @@ mod tests {
         let colors: Vec<Vec3> = clean.iter().map(|alpha| Vec3::splat(*alpha)).collect();
         assert!(outline(&clean, &colors).alpha.is_some());
         for paths in [1, 2, 4, 8, 16] {
-            assert!(outline(&ball(paths), &colors).alpha.is_none(), "{paths}");
+            let alpha = ball(paths);
+            let found = outline(&alpha, &colors);
+            assert!(found.alpha.is_none() && found.exact.is_none(), "{paths}");
         }
         // Not so far as colors are much noisier.
         let spikes: Vec<Vec3> =
@@ -165,6 +196,9 @@ mod tests {
         // A sharp outline is no noise.
         let sharp: Vec<f32> = clean.iter().map(|alpha| ((alpha - 0.5) * 8.0 + 0.5).clamp(0.0, 1.0)).collect();
         assert!(outline(&sharp, &colors).alpha.is_some());
+        // Nor is one of no pixel's width, but it is no guide.
+        let hard: Vec<f32> = clean.iter().map(|alpha| if *alpha > 0.5 { 1.0 } else { 0.0 }).collect();
+        assert!(outline(&hard, &colors).alpha.is_none() && outline(&hard, &colors).exact.is_some());
         assert!(outline(&vec![1.0; colors.len()], &colors).alpha.is_none());
         assert!(outline(&vec![f32::NAN; colors.len()], &colors).alpha.is_none());
     }

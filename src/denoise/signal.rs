@@ -118,10 +118,10 @@ impl Sums {
         other(now, self.noise).max(other(all, self.noises))
     }
 
-    /// Returns the share of the residuals that is signal. `nearest` is the noise as a multiple of what nearest pixels
-    /// show, which counts where the excess is beyond so many deviations.
+    /// Returns the share of the residuals that is signal. Nearest pixels show the noise by a factor, and count where the
+    /// excess is beyond so many deviations.
     #[inline(always)]
-    fn signal(&self, nearest: f32, deviations: f32) -> Lanes {
+    fn signal(&self, factor: f32, deviations: f32) -> Lanes {
         let (one, least) = (Lanes([1.0; LANES]), Lanes([LEAST; LANES]));
         let residual = self.residual.max(least);
         let chance = self.chance.sqrt() * DEVIATIONS[0];
@@ -132,7 +132,7 @@ impl Sums {
         let [from, to] = ONE_SIDED;
         let part = ((square - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(one);
         let now = square + (product - square) * part;
-        let near = self.light_nearest / self.light.max(least) * nearest;
+        let near = self.light_nearest / self.light.max(least) * factor;
         let now = now + (now.min(near) - now) * self.other(deviations);
         // Frames before and after that are more alike than their noise allows have lost the same texture: the
         // difference between them is that of their noise.
@@ -148,15 +148,16 @@ impl Sums {
     }
 }
 
-/// Noise that nearest pixels show, beside that which frames before and after show, where these show the same signal:
-/// neighbours that are alike, by a filter or because noise takes few values, show too little.
+/// What pictures as a whole tell: the noise that nearest pixels show, beside that which frames before and after show,
+/// where these show the same signal, and how common it is that they show another.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Calibration {
-    /// Sums of the squares where the frames show the same signal.
+    /// Sums of the noise's square by both estimates where the frames show the same signal. Neighbours that are alike, by
+    /// a filter or because noise takes few values, show too little.
     by_time: f64,
     nearest: f64,
     /// Sum of the square that nearest pixels show everywhere.
-    all: f64,
+    everywhere: f64,
     /// Sum of the squares of excesses over their deviations, and count of neighbourhoods.
     squares: f64,
     count: f64,
@@ -168,7 +169,7 @@ impl Calibration {
         Self {
             by_time: share * self.by_time + other.by_time,
             nearest: share * self.nearest + other.nearest,
-            all: share * self.all + other.all,
+            everywhere: share * self.everywhere + other.everywhere,
             squares: share * self.squares + other.squares,
             count: share * self.count + other.count,
         }
@@ -185,9 +186,9 @@ impl Calibration {
 
     /// Returns the noise as a multiple of what nearest pixels show.
     fn factor(&self) -> f32 {
-        // Of nothing the ratio is not a number, and loses.
         let [few, most] = FITTING;
-        let weight = ((self.nearest / self.all - few) / (most - few)).clamp(0.0, 1.0);
+        let weight = ((self.nearest / self.everywhere - few) / (most - few)).clamp(0.0, 1.0);
+        // Of nothing the ratio is not a number, and loses.
         NEAREST.max((self.by_time / self.nearest).powf(weight) as f32)
     }
 }
@@ -223,7 +224,7 @@ impl pulp::NullaryFnOnce for Calibrate<'_> {
             for lane in (0..LANES).filter(|lane| (vector * LANES + lane) % Self::STEP == POOL) {
                 found.by_time += f64::from(by_time.0[lane]);
                 found.nearest += f64::from(nearest.0[lane]);
-                found.all += f64::from(all.0[lane]);
+                found.everywhere += f64::from(all.0[lane]);
                 if chance.0[lane] > 0.0 {
                     found.squares += f64::from((excess.0[lane].abs() / chance.0[lane]).min(MOST)).powi(2);
                     found.count += 1.0;
@@ -251,9 +252,9 @@ impl pulp::NullaryFnOnce for Solve<'_> {
     #[inline(always)]
     fn call(self) {
         let Self { sums, motions, row, pool, calibration, shares } = self;
-        let (nearest, deviations) = (calibration.factor(), calibration.deviations());
+        let (factor, deviations) = (calibration.factor(), calibration.deviations());
         Sums::of_row(sums, motions, row, pool, |vector, sums| {
-            sums.signal(nearest, deviations).store(shares, vector * LANES)
+            sums.signal(factor, deviations).store(shares, vector * LANES);
         });
     }
 }
