@@ -265,13 +265,13 @@ fn around(lines: &[f32], line: usize, left: usize) -> [Lanes; 3] {
     let second = |row: usize| (at(row, 0) + at(row, 2 * STEP)) - at(row, STEP) * 2.0;
     let both = (second(0) + second(2 * STEP)) - second(STEP) * 2.0;
     let own = at(STEP, STEP);
-    let near = [(STEP - 1, STEP), (STEP, STEP - 1), (STEP, STEP + 1), (STEP + 1, STEP)].map(|(row, column)| {
+    let near = [(STEP - 1, STEP), (STEP, STEP - 1), (STEP, STEP + 1), (STEP + 1, STEP)];
+    let nearest = near.into_iter().fold(Lanes([f32::INFINITY; LANES]), |least, (row, column)| {
         let apart = own - at(row, column);
-        apart * apart
+        // What is not a number loses every comparison.
+        (apart * apart).min(least)
     });
-    // Numbers that are none win no comparison.
-    let nearest = near[0].min(near[1]).min(near[2]).min(near[3]) * NEAREST;
-    let noise = both * both / Lanes([KERNEL; LANES]);
-    let known = Lanes(each(|lane| if noise.0[lane].is_finite() { 1.0 } else { 0.0 }));
+    let (noise, nearest) = (both * both / Lanes([KERNEL; LANES]), nearest * NEAREST);
+    let known = Lanes(each(|lane| if (noise.0[lane] + nearest.0[lane]).is_finite() { 1.0 } else { 0.0 }));
     [known.select(noise, Lanes::ZERO), known, known.select(nearest, Lanes::ZERO)]
 }
