@@ -185,6 +185,8 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
             let sides = (before[3] + after[3]).max(one);
             let own = (dot(&before, &before) + dot(&after, &after)) / sides;
             let excess = (own - noise * (gains + 1.0)) * weight * is_known;
+            // Of a last frame, the frames before tell more.
+            let counts = both.max(one - before[3]);
             let terms = [
                 [
                     chance,
@@ -197,10 +199,10 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
                     square * is_shown,
                 ],
                 [
-                    chance,
+                    chance * counts,
                     excess * excess * both,
-                    squares * known,
-                    chance * chance,
+                    squares * known * counts,
+                    chance * chance * counts,
                     excess * both,
                     noise * both,
                     squares * both,
