@@ -134,12 +134,13 @@ impl Sums {
         let now = square + (product - square) * part;
         let near = self.light_nearest / self.light.max(least) * factor;
         let now = now + (now.min(near) - now) * self.other(deviations);
-        // Frames before and after that are more alike than their noise allows have lost the same texture: the
-        // difference between them is that of their noise.
+        // Frames before and after that are more alike than their noise allows have lost the same texture, and the
+        // difference between them is that of their noise; or this frame has more noise than they, which shows around.
+        let deviation = self.chances.sqrt() * DEVIATIONS[1];
+        let since = |noises: Lanes| self.residuals.select((noises + deviation) / self.residuals.max(least), one);
         let of_both = self.excesses.min(Lanes::ZERO) / (one - self.averaged);
-        let noises = (self.noises + of_both).max(Lanes::ZERO);
-        let since = (noises + self.chances.sqrt() * DEVIATIONS[1]) / self.residuals.max(least);
-        let since = self.residuals.select(since, one);
+        let alike = since((self.noises + of_both).max(Lanes::ZERO)).max(near);
+        let since = since(self.noises).min(alike);
         let around = self.light_noise * AROUND / self.light.max(least);
         // Numbers that are none lose every comparison.
         let signal = (one - now.min(since).min(around)).max(Lanes::ZERO).min(one);
