@@ -2,7 +2,7 @@
 
     drawn_sequences.py FOLDER [--only NAME ...] [--noises NOISE ...] [--json OUT.json] [--keep]
 
-Thirty sequences of 24 frames of 128x128 pixels, at rest and moving, with motion and without, sharp and smooth, each with
+Thirty-three sequences of 24 frames of 128x128 pixels, at rest and moving, with motion and without, sharp and smooth, each with
 Gaussian noise of deviations 0, 0.0001, 0.01 and 0.1 and with that of 64 and 2 paths of heavy tails. A row has decibels (of a
 peak of 1) that go in and come out over all frames, the frame that gains least, the mean of all frames where the sequence is
 at rest, and the noise and error that the program tells, in decibels, too, or a dash. Pictures are kept in FOLDER with `--keep`.
@@ -114,6 +114,8 @@ def smoke(t):
 
 def sequences():
     """By name: the picture at a time, its motion in pixels to the right and downwards a frame, and its alpha."""
+    stars = np.where(hashed(X, Y) > 1 - 60 / SIDE**2, 0.8, 0.02)
+    written, light = smooth_pixels(text, X, Y), np.random.default_rng(5).uniform(0.98, 1.02, FRAMES)
     wall, own = smooth_pixels(texture, X, Y), smooth_pixels(zone, X, Y)
     still = lambda picture: (lambda t: picture)  # noqa: E731
     lit = lambda picture, after: (lambda t: picture * (1 if t < 12 else after))  # noqa: E731
@@ -125,6 +127,7 @@ def sequences():
         "rest texture": (still(wall), None, "full"),
         "rest text": (still(text(X, Y)), None, None),
         "rest lines": (still(lines(X, Y)), None, None),
+        "rest stars": (still(stars), None, None),
         "rest shades": (still(shades(X, Y)), None, None),
         "rest spot": (still(spot(X, Y)), None, None),
         "rest dark checkers": (still(0.1 * checkers(X, Y)), None, None),
@@ -142,10 +145,12 @@ def sequences():
         "pan without motion": (moving(texture, (3, 0)), None, None),
         "spot without motion": (lambda t: spot(X, Y, (20 + 3 * t, 60), 150), None, None),
         "checkers without motion": (moving(checkers, (2, 0), False), None, None),
+        "text without motion": (moving(text, (1, 0)), None, None),
         "light halved": (lit(shades(X, Y), 0.5), None, None),
         "light on texture": (lit(wall, 0.6), None, None),
         "light fades": (lambda t: shades(X, Y) * 0.93**t, None, None),
         "light flickers": (lambda t: wall * (1 + 0.3 * (t % 2)), None, None),
+        "light at random": (lambda t: written * light[t], None, None),
         "mirrored": (mirrored, None, None),
         "cut": (lambda t: wall if t < 12 else own, None, None),
         "smoke before texture": (lambda t: 0.7 * smoke(t) + (1 - smoke(t)) * wall, (0.8, 0), smoke),

@@ -302,14 +302,16 @@ mod tests {
     #[test]
     fn empty_pixels_stay_empty() {
         let inside = |i: usize| ((i % SIZE[0]) as f32 - 20.0).hypot((i / SIZE[0]) as f32 - 15.0) < 9.0;
-        let alpha: Vec<f32> = (0..SIZE[0] * SIZE[1]).map(|i| if inside(i) { 0.7 } else { 0.0 }).collect();
-        let truth: Vec<Vec3> = alpha.iter().map(|alpha| Vec3::new(0.9, 0.6, 0.3) * *alpha).collect();
-        let mut denoiser = Denoiser::new(Method::Wrls2, Settings::default()).unwrap();
-        for number in 0..6 {
-            let noisy = noisy(&truth, number);
-            let frame = Frame { size: SIZE, color: &noisy, alpha: Some(&alpha), ..Frame::default() };
-            let out = denoiser.denoise(&frame).unwrap();
-            assert!(number == 0 || (0..alpha.len()).all(|i| inside(i) || out.color[i] == Vec3::ZERO));
+        for opacity in [0.7, 1.0] {
+            let alpha: Vec<f32> = (0..SIZE[0] * SIZE[1]).map(|i| if inside(i) { opacity } else { 0.0 }).collect();
+            let truth: Vec<Vec3> = alpha.iter().map(|alpha| Vec3::new(0.9, 0.6, 0.3) * *alpha).collect();
+            let mut denoiser = Denoiser::new(Method::Wrls2, Settings::default()).unwrap();
+            for number in 0..6 {
+                let noisy = noisy(&truth, number);
+                let frame = Frame { size: SIZE, color: &noisy, alpha: Some(&alpha), ..Frame::default() };
+                let out = denoiser.denoise(&frame).unwrap();
+                assert!(number == 0 || (0..alpha.len()).all(|i| inside(i) || out.color[i] == Vec3::ZERO));
+            }
         }
     }
 

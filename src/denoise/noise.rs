@@ -2,9 +2,9 @@
 //!
 //! Three estimates are summed. The frames before and after show the same signal, and so the product of a pixel's
 //! differences from both is on average the square of its noise ([`difference`]). Second differences in both directions
-//! show it where the picture is smooth. The nearest in color of the four pixels around shows it beside edges, too, since
-//! one of them lies on the same side; it holds for noise that is independent from pixel to pixel and takes many values,
-//! and is calibrated by the first ([`Calibration`](super::signal::Calibration)).
+//! show it where the picture is smooth. The nearest in color of the four pixels around shows it beside edges, too,
+//! since one of them lies on the same side; it holds for noise that is independent from pixel to pixel and takes many
+//! values, and is calibrated by the first ([`Calibration`](super::signal::Calibration)).
 //!
 //! Where the frames do not show the same signal, because motion is wrong or missing, light changes, or resampling loses
 //! texture, the squares of the differences are not what noise explains of them. That excess is summed, too.
@@ -22,8 +22,8 @@ use super::vectors::{Features, vectors};
 use crate::arch::Arch;
 use glam::Vec2;
 
-/// Numbers of a block: sums of this frame; those of all frames, older ones by less, of the pixels that both sides of time
-/// are known of; and those of this frame of the same pixels.
+/// Numbers of a block: sums over the pixels of this frame; sums over those of all frames that count, older ones by less;
+/// and those of this frame that are added to them.
 pub const SUMS: usize = 3 * LANES;
 /// Sums of a block.
 pub type Sums = [f32; SUMS];
@@ -44,13 +44,15 @@ pub const LIGHT_NOISE: usize = 5;
 pub const LIGHT_NEAREST: usize = 6;
 pub const LIGHT: usize = 7;
 
-/// Places of the sums of all frames, and of the same sums of this one: the noise's square, the residual's, and their
-/// chance and excess as above, ...
+/// First places of the sums of all frames, and of those of this frame that are added to them. Both have noise, residual,
+/// chance and excess where the sums of this frame have them. The excess is that of pixels that are known on both sides of
+/// time; the pixels of a last frame, known before alone, count in none.
 pub const SINCE: usize = LANES;
-pub const BOTH: usize = 2 * LANES;
-/// ... the square of each pixel's excess, ...
+pub const ADDED: usize = 2 * LANES;
+/// Place among them of the square of each pixel's excess.
 pub const EXCESS_CHANCE: usize = 1;
-/// ... the squares of noise and residual that are no shares of the colors, and the count of pixels.
+/// Places among them of the squares of noise and residual that are no shares of the colors, and of the count, over
+/// pixels that are known on both sides of time.
 pub const NOISE_POWER: usize = 5;
 pub const RESIDUAL_POWER: usize = 6;
 pub const PIXELS: usize = 7;
@@ -58,9 +60,9 @@ pub const PIXELS: usize = 7;
 /// Distance in pixels of those around of which the second difference is taken: filters make noise of neighbours alike.
 const STEP: usize = 2;
 /// Sum of the squares of the kernel of second differences in both directions.
-const KERNEL: f32 = 36.0;
+pub const KERNEL: f32 = 36.0;
 /// Variance of Gaussian noise over the mean of the least square of the differences from four neighbours.
-const NEAREST: f32 = 2.58;
+pub const NEAREST: f32 = 2.58;
 /// Weight of pixels of which no difference is known: they count where no others are, and their residual counts as
 /// noise.
 const UNKNOWN: f32 = 1e-4;
@@ -116,15 +118,15 @@ impl pulp::NullaryFnOnce for Learn<'_> {
         carry(motions, grid, before, row, blocks);
         let of_row = add(denoised, top, light, blocks);
         for sums in &mut *blocks {
-            (Lanes::load(sums, SINCE) * kept + Lanes::load(sums, BOTH)).store(sums, SINCE);
+            (Lanes::load(sums, SINCE) * kept + Lanes::load(sums, ADDED)).store(sums, SINCE);
         }
         to_planes(Arch::default(), blocks, planes, grid.stride());
         of_row
     }
 }
 
-/// Writes the sums of the channels of the rows that a row of blocks and those around it have, line after line. What lies
-/// outside is not a number.
+/// Writes the sums of the channels of the rows that a row of blocks and those around it have, line after line. What
+/// lies outside is not a number.
 #[inline(always)]
 fn sums_of_channels(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
     let [width, height] = frame.size;
@@ -147,7 +149,6 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
     let [width, height] = frame.size;
     let (groups, line) = (vectors(width), line_of(width));
     let count = BLOCK.min(height - top);
-    let one = Lanes([1.0; LANES]);
     let mut of_row = estimate::Row::default();
     for (at, blocks) in blocks.chunks_mut(LANES / BLOCK).enumerate() {
         let gain = |of: usize| motions.get(at * (LANES / BLOCK) + of).map_or(1.0, |motion| noise_gain(*motion));
@@ -166,49 +167,11 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
                 None => Difference::default(),
             };
             let residual: [Lanes; 3] = each(|c| (color[c] - found[c]) * seen);
-            let squares = dot(&residual, &residual);
-            let [noise, direct] = noise(&residual, squares, &before, &after);
             let power = dot(found, found);
             let weight = seen / (power + Lanes([floor; LANES]));
-            let sum = (residual[0] + residual[1]) + residual[2];
-            let (left, square) = (MARGIN + at * LANES, sum * sum);
-            let [shown, is_shown, nearest] = around(&light[row * line..], line, left);
-            let nearest = is_shown.select(nearest, square);
-            let shown = is_shown.select(shown, square);
-            let unknown = Lanes([UNKNOWN; LANES]);
-            let known = weight * before[3].max(after[3]).max(unknown);
-            let is_shown = weight * is_shown.max(unknown);
-            let chance = noise * known;
-            let both = seen * before[3] * after[3];
-            let is_known = before[3].max(after[3]);
-            // Means over the sides that are known.
-            let sides = (before[3] + after[3]).max(one);
-            let own = (dot(&before, &before) + dot(&after, &after)) / sides;
-            let excess = (own - noise * (gains + 1.0)) * weight * is_known;
-            // Of a last frame, the frames before tell more.
-            let counts = both.max(one - before[3]);
-            let terms = [
-                [
-                    chance,
-                    direct * known,
-                    squares * known,
-                    chance * chance,
-                    excess,
-                    shown * is_shown,
-                    nearest * is_shown,
-                    square * is_shown,
-                ],
-                [
-                    chance * counts,
-                    excess * excess * both,
-                    squares * known * counts,
-                    chance * chance * counts,
-                    excess * both,
-                    noise * both,
-                    squares * both,
-                    both,
-                ],
-            ];
+            let (both, own) = (seen * before[3] * after[3], mean_square(&before, &after));
+            let around = around(&light[row * line..], line, MARGIN + at * LANES);
+            let terms = terms(&residual, [&before, &after], own, gains, weight, around);
             for (sum, term) in all.iter_mut().flatten().zip(terms.into_iter().flatten()) {
                 *sum += term;
             }
@@ -222,7 +185,7 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
         }
         of_row.power += f64::from(powers.0.iter().sum::<f32>());
         of_row.apart += f64::from(apart.0.iter().sum::<f32>());
-        for (sums_of, to) in all.iter().zip([0, BOTH]) {
+        for (sums_of, to) in all.iter().zip([0, ADDED]) {
             let pixels = Arch::default().transposed(&sums_of.map(|sum| sum.0));
             for (block, sums) in pixels.chunks(BLOCK).zip(&mut *blocks) {
                 let sum = (Lanes(block[0]) + Lanes(block[1])) + (Lanes(block[2]) + Lanes(block[3]));
@@ -236,6 +199,52 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
         }
     }
     of_row
+}
+
+/// Returns the mean square of the differences from the sides of time that are known.
+#[inline(always)]
+fn mean_square(before: &Difference, after: &Difference) -> Lanes {
+    (dot(before, before) + dot(after, after)) / (before[3] + after[3]).max(Lanes([1.0; LANES]))
+}
+
+/// Returns what eight pixels add to the sums of a frame, and to those of all frames: by their residual, the differences
+/// from both sides of time and the mean square of these, the share of noise that resampling leaves, their weight, 0
+/// where they are not seen, and what is [`around`] them.
+#[inline(always)]
+fn terms(
+    residual: &[Lanes; 3],
+    [before, after]: [&Difference; 2],
+    own: Lanes,
+    gains: Lanes,
+    weight: Lanes,
+    [shown, is_shown, nearest]: [Lanes; 3],
+) -> [[Lanes; LANES]; 2] {
+    let (one, unknown) = (Lanes([1.0; LANES]), Lanes([UNKNOWN; LANES]));
+    let squares = dot(residual, residual);
+    let [noise, direct] = noise(residual, squares, before, after);
+    let both = weight.select(before[3] * after[3], Lanes::ZERO);
+    let is_known = before[3].max(after[3]);
+    let known = weight * is_known.max(unknown);
+    let (chance, square) = (noise * known, squares * known);
+    let excess = (own - noise * (gains + 1.0)) * weight * is_known;
+    // Of a last frame, the frames before tell more.
+    let counts = both.max(one - before[3]);
+    let sum = (residual[0] + residual[1]) + residual[2];
+    let (light, light_weight) = (sum * sum, weight * is_shown.max(unknown));
+    let [shown, nearest] = [shown, nearest].map(|noise| is_shown.select(noise, light) * light_weight);
+    [
+        [chance, direct * known, square, chance * chance, excess, shown, nearest, light * light_weight],
+        [
+            chance * counts,
+            excess * excess * both,
+            square * counts,
+            chance * chance * counts,
+            excess * both,
+            noise * both,
+            squares * both,
+            both,
+        ],
+    ]
 }
 
 #[inline(always)]
@@ -259,8 +268,8 @@ fn noise(residual: &[Lanes; 3], squares: Lanes, before: &Difference, after: &Dif
     [of(dot(residual, &one)), of(dot(&one, &one) * 0.5)]
 }
 
-/// Returns the square of the noise of eight pixels by second differences, 1 where these are known, and the square by the
-/// nearest of the four pixels around, from lines of the sums of the channels that begin above them.
+/// Returns the square of the noise of eight pixels by second differences, 1 where these are known, and the square by
+/// the nearest of the four pixels around, from lines of the sums of the channels that begin above them.
 #[inline(always)]
 fn around(lines: &[f32], line: usize, left: usize) -> [Lanes; 3] {
     let at = |row: usize, column: usize| Lanes::load(lines, row * line + left + column - STEP);

@@ -1,6 +1,7 @@
 //! Alpha as a guide: whether it shows outlines better than noisy colors do.
 
 use super::frame::Frame;
+use super::noise::{KERNEL, NEAREST};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -14,18 +15,14 @@ const LEAST_EMPTY: f32 = 1.0 / 256.0;
 const PROPORTIONAL: [f32; 2] = [0.1, 10.0];
 /// Alphas between which a pixel and all around it lie for its noise to be told from an outline.
 const PARTIAL: [f32; 2] = [0.02, 0.98];
-/// Variance of the noise as a share of `α (1 - α)`, which is that of one path that ends in the volume or does not, above
-/// which few paths sampled alpha: where alpha is partial all around, and in the whole picture. By second differences the
-/// finest outlines count as noise, ...
+/// Variance of the noise as a share of `α (1 - α)`, which is that of one path that ends in the volume or does not,
+/// above which few paths sampled alpha: where alpha is partial all around, and in the whole picture. This is by second
+/// differences, to which the finest outlines are noise.
 const NOISY: [f64; 2] = [0.01, 0.15];
-/// ... and by the lesser estimate they do not.
+/// The same by the lesser estimate, to which outlines are no noise.
 const SAMPLED: [f64; 2] = [0.005, 0.12];
 /// Relative variance of alpha's noise, as a share of that of the colors, up to which alpha guides all the same.
 const CLEANER: f64 = 0.35;
-/// Variance of Gaussian noise over the mean of the least square of the differences from four neighbours.
-const NEAREST: f32 = 2.58;
-/// Sum of the squares of the kernel of second differences in both directions.
-const KERNEL: f32 = 36.0;
 
 /// Guide that a frame has.
 #[derive(Debug, Clone, Copy)]
@@ -94,8 +91,8 @@ fn plus<const N: usize>(a: [f64; N], b: [f64; N]) -> [f64; N] {
 }
 
 /// Returns the variance of noise at a place of a picture of `width`, by two estimates: by second differences in both
-/// directions (Immerkær 1996), which smooth shades do not have; and by the lesser of that and of what the nearest of four
-/// neighbours shows, one of which lies on the same side of any outline.
+/// directions (Immerkær 1996), which smooth shades do not have; and by the lesser of that and of what the nearest of
+/// four neighbours shows, one of which lies on the same side of any outline.
 fn noise(of: impl Fn(usize) -> f32, at: usize, width: usize) -> [f32; 2] {
     let second = |at: usize| (of(at - 1) + of(at + 1)) - 2.0 * of(at);
     let smooth = ((second(at - width) + second(at + width)) - 2.0 * second(at)).powi(2) / KERNEL;

@@ -1,9 +1,9 @@
 //! The residual, what a frame's colors have over the denoised ones, and the share of it that is signal and comes back.
 //!
 //! The residual's square is on average the sum of the noise's and of the denoiser's error, since both are independent.
-//! So the noise that the frames before and after show ([`noise`](super::noise)) tells the error, whatever caused it: detail that
-//! was smoothed away, histories of another shot or another light, motion that is wrong. The share that comes back, one
-//! less noise over residual, leaves the least error (James & Stein 1961). It is 1 without noise, and 0 where the
+//! So the [`noise`](super::noise) that the frames before and after show tells the error, whatever caused it: detail
+//! that was smoothed away, histories of another shot or another light, motion that is wrong. The share that comes back,
+//! one less noise over residual, leaves the least error (James & Stein 1961). It is 1 without noise, and 0 where the
 //! denoiser leaves nothing.
 
 use super::blocks::{Grid, Interpolated, Planes, Pool};
@@ -11,7 +11,7 @@ use super::estimate::{self, Estimate};
 use super::frame;
 use super::history::loaded;
 use super::lanes::{LANES, Lanes, each};
-use super::noise::{BOTH, Denoised, Learn, NOISE_POWER, PIXELS, RESIDUAL_POWER, SINCE, SUMS, Sums};
+use super::noise::{ADDED, Denoised, Learn, NOISE_POWER, PIXELS, RESIDUAL_POWER, SINCE, SUMS, Sums};
 use super::signal::{Calibrate, Calibration, POOL, Solve};
 use super::vectors::vectors;
 use crate::arch::Arch;
@@ -71,9 +71,9 @@ impl Residuals {
         let of_row = |row: usize| {
             let plane = |plane: usize| &sums.row(row, plane)[..grid.columns];
             let blocks = estimate::Blocks {
-                pixels: plane(BOTH + PIXELS),
-                noise: plane(BOTH + NOISE_POWER),
-                residual: plane(BOTH + RESIDUAL_POWER),
+                pixels: plane(ADDED + PIXELS),
+                noise: plane(ADDED + NOISE_POWER),
+                residual: plane(ADDED + RESIDUAL_POWER),
                 shares: shares.row(row, 0),
                 own: denoised.own.row(row, 0),
                 motions: denoised.motions.get(row * grid.columns..).unwrap_or_default(),

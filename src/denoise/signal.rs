@@ -1,8 +1,8 @@
 //! Share of the residual that is signal.
 //!
-//! Several estimates of the noise hold under different assumptions ([`noise`](super::noise)). Each alone can show that a
-//! residual is more than noise: the frame's own, that of all frames so far, and that of smooth surroundings. That of the
-//! nearest pixel takes the place of the frame's own where the frames around show another signal.
+//! Several estimates of the [`noise`](super::noise) hold under different assumptions. Each alone can show that a residual
+//! is more than noise: the frame's own, that of all frames so far, and that of smooth surroundings. That of the nearest
+//! pixel takes the place of the frame's own where the frames around show another signal.
 
 use super::blocks::{Planes, Pool};
 use super::lanes::{LANES, Lanes, each};
@@ -23,12 +23,14 @@ const AROUND: f32 = 1.25;
 /// Noise that nearest pixels show, as a multiple at least.
 const NEAREST: f32 = 1.1;
 /// Standard deviations of the excess by chance from which on it shows another signal: where that is rare in a picture,
-/// and where it is common, as the root mean square of the excess over its deviation tells, which lies between these.
+/// and where it is common.
 const BEYOND: [f32; 2] = [2.0, 0.25];
+/// Root mean squares of the excess over its deviation between which another signal comes to be common.
 const COMMON: [f64; 2] = [1.0, 2.0];
-/// Excess over its deviation at most.
+/// Largest excess over its deviation that counts.
 const MOST: f32 = 4.0;
-/// Excess over these as a share of the noise's square, from which on nothing but another signal explains it.
+/// Excess beyond its deviations by chance, as a share of the noise's square, from which on nothing but another signal
+/// explains it.
 const OTHER: f32 = 0.1;
 /// Shares of the noise that lie where the frames show the same signal, between which calibration comes to count.
 const FITTING: [f64; 2] = [0.05, 0.25];
@@ -37,9 +39,9 @@ const SPREAD: f32 = 0.5;
 /// Least residual, where there is none.
 const LEAST: f32 = 1e-30;
 
-/// Sums of eight neighbourhoods.
+/// Sums of eight neighbourhoods of blocks.
 #[derive(Debug, Clone, Copy, Default)]
-struct Sums {
+struct Pooled {
     /// Share of the variance of independent noise that resampling averages away.
     averaged: Lanes,
     /// Sums of the frame.
@@ -59,21 +61,21 @@ struct Sums {
     excess_chances: Lanes,
 }
 
-impl Sums {
+impl Pooled {
     /// Calls `with` for each vector of a row of neighbourhoods.
     #[inline(always)]
     fn of_row(sums: &Planes, motions: &[Vec2], row: usize, pool: &mut Pool, mut with: impl FnMut(usize, &Self)) {
         const NOW: [usize; 8] = [NOISE, DIRECT, RESIDUAL, CHANCE, EXCESS, LIGHT_NOISE, LIGHT_NEAREST, LIGHT];
         const OF_ALL: [usize; 5] = [NOISE, RESIDUAL, CHANCE, EXCESS, EXCESS_CHANCE];
         let places = NOW.into_iter().chain(OF_ALL.map(|place| SINCE + place));
-        let (vectors, pooled) = pool.sums(sums, row, places.map(|plane| (plane, POOL)));
+        let (vectors, found) = pool.sums(sums, row, places.map(|plane| (plane, POOL)));
         for vector in 0..vectors {
-            let of = |plane: usize| pooled[plane * vectors + vector];
+            let of = |plane: usize| found[plane * vectors + vector];
             let [noise, direct, residual, chance, excess, light_noise, light_nearest, light] = each(of);
             let [noises, residuals, chances, excesses, excess_chances] = each(|plane| of(NOW.len() + plane));
             let at = row * sums.columns() + vector * LANES;
             let averaged = |lane: usize| motions.get(at + lane).map_or(0.0, |motion| 1.0 - noise_gain(*motion));
-            let sums = Self {
+            let pooled = Self {
                 averaged: Lanes(each(averaged)),
                 noise,
                 direct,
@@ -89,7 +91,7 @@ impl Sums {
                 excesses,
                 excess_chances,
             };
-            with(vector, &sums);
+            with(vector, &pooled);
         }
     }
 
@@ -106,8 +108,8 @@ impl Sums {
         [now, [beyond(self.excesses, self.noises), by_chance]]
     }
 
-    /// Returns 1 where the frames before and after show another signal, 0 where noise explains how they differ, up to so
-    /// many of the deviations by chance.
+    /// Returns 1 where the frames before and after show another signal, 0 where noise explains how they differ, up to
+    /// so many of the deviations by chance.
     #[inline(always)]
     fn other(&self, deviations: f32) -> Lanes {
         let [now, all] = self.excess();
@@ -118,8 +120,8 @@ impl Sums {
         other(now, self.noise).max(other(all, self.noises))
     }
 
-    /// Returns the share of the residuals that is signal. Nearest pixels show the noise by a factor, and count where the
-    /// excess is beyond so many deviations.
+    /// Returns the share of the residuals that is signal. Nearest pixels show the noise by a factor, and count where
+    /// the excess is beyond so many deviations.
     #[inline(always)]
     fn signal(&self, factor: f32, deviations: f32) -> Lanes {
         let (one, least) = (Lanes([1.0; LANES]), Lanes([LEAST; LANES]));
@@ -149,12 +151,12 @@ impl Sums {
     }
 }
 
-/// What pictures as a whole tell: the noise that nearest pixels show, beside that which frames before and after show,
-/// where these show the same signal, and how common it is that they show another.
+/// Sums over whole pictures that calibrate the noise by the nearest pixel against that by the frames before and after,
+/// and tell how common it is that those frames show another signal.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Calibration {
-    /// Sums of the noise's square by both estimates where the frames show the same signal. Neighbours that are alike, by
-    /// a filter or because noise takes few values, show too little.
+    /// Sums of the noise's square by both estimates where the frames show the same signal. Neighbours that are alike,
+    /// by a filter or because noise takes few values, show too little.
     by_time: f64,
     nearest: f64,
     /// Sum of the square that nearest pixels show everywhere.
@@ -215,7 +217,7 @@ impl pulp::NullaryFnOnce for Calibrate<'_> {
     fn call(self) -> Calibration {
         let Self { sums, motions, row, pool } = self;
         let mut found = Calibration::default();
-        Sums::of_row(sums, motions, row, pool, |vector, sums| {
+        Pooled::of_row(sums, motions, row, pool, |vector, sums| {
             let same = Lanes([1.0; LANES]) - sums.other(BEYOND[1]);
             let by_time = sums.light * sums.noises / sums.residuals.max(Lanes([LEAST; LANES])) * same;
             let all = sums.residuals.select(sums.light_nearest, Lanes::ZERO);
@@ -254,8 +256,82 @@ impl pulp::NullaryFnOnce for Solve<'_> {
     fn call(self) {
         let Self { sums, motions, row, pool, calibration, shares } = self;
         let (factor, deviations) = (calibration.factor(), calibration.deviations());
-        Sums::of_row(sums, motions, row, pool, |vector, sums| {
+        Pooled::of_row(sums, motions, row, pool, |vector, sums| {
             sums.signal(factor, deviations).store(shares, vector * LANES);
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn all(value: f32) -> Lanes {
+        Lanes([value; LANES])
+    }
+
+    /// Neighbourhoods of noise of a variance that comes in, a residual that holds it and an error, and nearest pixels
+    /// that show the noise.
+    fn pooled(noise: f32, error: f32) -> Pooled {
+        let light = 3.0 * (noise + error);
+        Pooled {
+            noise: all(noise),
+            direct: all(noise),
+            residual: all(noise + error),
+            light_noise: all(light),
+            light_nearest: all(3.0 * noise),
+            light: all(light),
+            noises: all(noise),
+            residuals: all(noise + error),
+            chances: all(1e-6),
+            excess_chances: all(1e-6),
+            ..Pooled::default()
+        }
+    }
+
+    /// Where frames show another signal, by more difference than noise explains or by less, what they show counts as
+    /// noise no more, and the nearest pixel tells it. Where they show the same, the nearest pixel counts for nothing.
+    #[test]
+    fn nearest_pixels_tell_the_noise_of_other_signals() {
+        let signal = |pooled: Pooled| pooled.signal(1.0, 1.0).0[0];
+        let right = pooled(1.0, 9.0);
+        assert!((signal(right) - 0.972).abs() < 1e-3, "{}", signal(right));
+        // Products take the error for noise.
+        let fooled = Pooled { noise: all(10.0), direct: all(10.0), noises: all(10.0), ..right };
+        assert_eq!(signal(fooled), 0.0);
+        for excess in [5.0, -5.0] {
+            let now = Pooled { excess: all(excess), ..fooled };
+            assert!(signal(now) > 0.95, "{excess}: {}", signal(now));
+        }
+        let since = Pooled { excesses: all(-9.0), ..fooled };
+        assert!(signal(since) > 0.95, "{}", signal(since));
+        // A frame of more noise than those around, which its pixels show.
+        let noisy = Pooled { excesses: all(-9.0), excess: all(-9.0), ..pooled(10.0, 0.1) };
+        assert!(signal(noisy) < 0.01, "{}", signal(noisy));
+        // Noise that neighbours share.
+        let shared = Pooled { light_nearest: all(0.0), ..pooled(1.0, 0.01) };
+        assert!(signal(shared) < 0.01, "{}", signal(shared));
+    }
+
+    /// Excesses of resampled noise that neighbours share show no other signal.
+    #[test]
+    fn noise_that_neighbours_share_is_no_other_signal() {
+        let of = |excess: f32, averaged: f32| {
+            Pooled { excesses: all(excess), averaged: all(averaged), ..pooled(1.0, 0.0) }.other(1.0).0[0]
+        };
+        assert_eq!([of(0.2, 0.0), of(0.2, 0.5), of(-0.2, 0.5), of(0.0, 0.0)], [1.0, 0.0, 1.0, 0.0]);
+    }
+
+    /// Neighbours that show too little noise are calibrated where enough of the picture fits, and the test is less strict
+    /// where much of it does not.
+    #[test]
+    fn pictures_calibrate() {
+        let found = Calibration { by_time: 4.0, nearest: 1.0, everywhere: 2.0, squares: 0.5, count: 2.0 };
+        assert_eq!([found.factor(), found.deviations()], [4.0, BEYOND[0]]);
+        let other = Calibration { everywhere: 100.0, squares: 8.0, ..found };
+        assert_eq!([other.factor(), other.deviations()], [NEAREST, BEYOND[1]]);
+        assert_eq!([Calibration::default().factor(), Calibration::default().deviations()], [NEAREST, BEYOND[0]]);
+        let [sum, half] = [1.0, 0.5].map(|share| found.plus_share(share, other));
+        assert_eq!([sum.by_time, half.by_time, half.count], [8.0, 6.0, 3.0]);
     }
 }
