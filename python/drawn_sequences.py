@@ -146,6 +146,7 @@ def sequences():
         "spot without motion": (lambda t: spot(X, Y, (20 + 3 * t, 60), 150), None, None),
         "checkers without motion": (moving(checkers, (2, 0), False), None, None),
         "text without motion": (moving(text, (1, 0)), None, None),
+        "hard text without motion": (moving(text, (1.5, 0), False), None, None),
         "light halved": (lit(shades(X, Y), 0.5), None, None),
         "light on texture": (lit(wall, 0.6), None, None),
         "light fades": (lambda t: shades(X, Y) * 0.93**t, None, None),

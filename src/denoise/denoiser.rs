@@ -80,6 +80,15 @@ impl Denoiser {
         }
     }
 
+    /// Forgets all but what was learned of the noise, to begin again at the first frame: a sequence's first frames have
+    /// none before them that tell their noise.
+    pub fn rewind(&mut self) {
+        match &mut self.0 {
+            Engine::Guided(engine) => engine.rewind(),
+            _ => self.reset(),
+        }
+    }
+
     /// Denoises the next frame. A frame of another size begins anew.
     ///
     /// # Errors

@@ -10,8 +10,8 @@ use super::lanes::{LANES, Lanes, each};
 /// Differences of eight pixels by channel, and 1 where they are known.
 pub type Difference = [Lanes; 4];
 
-/// Channels of a color.
-const CHANNELS: usize = 3;
+/// Channels of a color; the place of the flag behind them.
+pub const CHANNELS: usize = 3;
 
 /// Returns 1 where all channels are finite, and 0 elsewhere.
 #[inline(always)]

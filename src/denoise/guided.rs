@@ -87,6 +87,8 @@ pub struct GuidedDenoiser {
     state: State,
     scratch: Scratch,
     residuals: Residuals,
+    /// True after it was rewound.
+    rehearsed: bool,
     /// True if maps of noise and error are wanted.
     pub mapped: bool,
 }
@@ -95,6 +97,12 @@ impl GuidedDenoiser {
     /// Forgets all, as at a cut, and frees the memory.
     pub fn reset(&mut self) {
         *self = Self { mapped: self.mapped, ..Self::default() };
+    }
+
+    /// Forgets all but what was learned of the noise.
+    pub fn rewind(&mut self) {
+        self.state = State::default();
+        self.rehearsed = true;
     }
 
     /// Denoises the next frame into `to`, whose memory is used again. A frame of another size begins anew.
@@ -108,7 +116,6 @@ impl GuidedDenoiser {
             let blocks = grid.rows * grid.columns;
             let past = Past::before_first(frame);
             let coding = past.coding;
-            self.residuals = Residuals::default();
             self.state = State { size: frame.size, past, coding, ..State::default() };
             self.scratch = Scratch {
                 motions: Vec::new(),
@@ -129,16 +136,33 @@ impl GuidedDenoiser {
         }
         let outline = Outline::of(frame);
         carried::mean_motions(frame, grid, &mut self.scratch.motions);
+        let (is_first, is_two_sided) = (self.state.past.is_fresh, self.state.bases[..2] == [true; 2]);
         let kept = self.learn(frame, grid, outline);
+        let told = self.rehearsed && is_first;
         self.solve(grid);
         self.learn_detail(frame.size[0], grid, kept);
         self.predict(frame.size, grid, to);
         let (colors, floor) = (&self.scratch.features[..], learning::error_floor(self.state.level));
         let (before, motions) = (&self.scratch.differences[..], &self.scratch.motions[..]);
+        // What one side of time told of the noise hardly counts once both are known.
+        let kept_noise = if self.rehearsed || is_two_sided { FORGETTING } else { kept };
         let alone = self.state.bases[..2] == [false; 2];
         let (alpha, mapped) = (outline.exact, self.mapped);
         let own = &self.scratch.determined;
-        let denoised = noise::Denoised { frame, grid, motions, own, colors, before, alpha, floor, kept, alone, mapped };
+        let denoised = noise::Denoised {
+            frame,
+            grid,
+            motions,
+            own,
+            colors,
+            before,
+            alpha,
+            floor,
+            kept: kept_noise,
+            alone,
+            told,
+            mapped,
+        };
         self.residuals.give_back(&denoised, to);
         Ok(())
     }

@@ -90,6 +90,8 @@ pub struct Denoised<'d> {
     /// True where no other frame was learned from: the colors' own noise is in what was denoised then, and nothing
     /// comes back.
     pub alone: bool,
+    /// True where the frames that follow have told the noise already: this one, known on one side alone, adds nothing.
+    pub told: bool,
     /// True if maps of noise and error are wanted.
     pub mapped: bool,
 }
@@ -112,13 +114,14 @@ impl pulp::NullaryFnOnce for Learn<'_> {
     #[inline(always)]
     fn call(self) -> estimate::Row {
         let Self { denoised, before, row, light, blocks, planes } = self;
-        let Denoised { frame, grid, motions, kept, .. } = *denoised;
+        let Denoised { frame, grid, motions, kept, told, .. } = *denoised;
         let top = row * BLOCK;
         sums_of_channels(frame, top, light);
         carry(motions, grid, before, row, blocks);
         let of_row = add(denoised, top, light, blocks);
         for sums in &mut *blocks {
-            (Lanes::load(sums, SINCE) * kept + Lanes::load(sums, ADDED)).store(sums, SINCE);
+            let added = if told { Lanes::ZERO } else { Lanes::load(sums, ADDED) };
+            (Lanes::load(sums, SINCE) * kept + added).store(sums, SINCE);
         }
         to_planes(Arch::default(), blocks, planes, grid.stride());
         of_row
@@ -172,8 +175,10 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
             let (both, own) = (seen * before[3] * after[3], mean_square(&before, &after));
             let around = around(&light[row * line..], line, MARGIN + at * LANES);
             let terms = terms(&residual, [&before, &after], own, gains, weight, around);
-            for (sum, term) in all.iter_mut().flatten().zip(terms.into_iter().flatten()) {
-                *sum += term;
+            for (sums, terms) in all.iter_mut().zip(terms) {
+                for (sum, term) in sums.iter_mut().zip(terms) {
+                    *sum += term;
+                }
             }
             powers += power * both;
             apart += own * both;
@@ -247,8 +252,9 @@ fn terms(
     ]
 }
 
+/// Returns the sum over channels of the products of two colors.
 #[inline(always)]
-fn dot(a: &[Lanes], b: &[Lanes]) -> Lanes {
+pub fn dot(a: &[Lanes], b: &[Lanes]) -> Lanes {
     (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 }
 

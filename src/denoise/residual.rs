@@ -7,16 +7,25 @@
 //! denoiser leaves nothing.
 
 use super::blocks::{Grid, Interpolated, Planes, Pool};
+use super::difference::{self, CHANNELS, Difference};
 use super::estimate::{self, Estimate};
 use super::frame;
 use super::history::loaded;
 use super::lanes::{LANES, Lanes, each};
-use super::noise::{ADDED, Denoised, Learn, NOISE_POWER, PIXELS, RESIDUAL_POWER, SINCE, SUMS, Sums};
-use super::signal::{Calibrate, Calibration, POOL, Solve};
+use super::noise::{ADDED, Denoised, Learn, NOISE_POWER, PIXELS, RESIDUAL_POWER, SINCE, SUMS, Sums, dot};
+use super::signal::{Calibrate, Calibration, POOL, SOLVED, Solve};
 use super::vectors::vectors;
 use crate::arch::Arch;
 use glam::Vec3;
 use rayon::prelude::*;
+
+/// Squares of a residual, as multiples of the mean square of the noise, between which it comes to be signal, ...
+const BRIGHT: [f32; 2] = [9.0, 25.0];
+/// ... if they are so many times those of the differences from the frames before and after. Of noise neither is seldom,
+/// and both are.
+const STEADY: [f32; 2] = [36.0, 144.0];
+/// Least square that is divided by.
+const LEAST: f32 = 1e-30;
 
 /// Residuals of a sequence.
 #[derive(Debug, Default)]
@@ -41,7 +50,7 @@ impl Residuals {
         if self.sums.row_len() != SUMS * grid.stride() || self.next.len() != grid.rows * grid.columns {
             self.next = vec![[0.0; SUMS]; grid.rows * grid.columns];
             self.sums = Planes::new(grid, SUMS);
-            self.shares = Planes::new(grid, 1);
+            self.shares = Planes::new(grid, SOLVED);
             self.rows = vec![estimate::Row::default(); grid.rows];
             self.maps = Planes::new(if mapped { grid } else { Grid::default() }, estimate::MAPPED);
         }
@@ -60,12 +69,12 @@ impl Residuals {
         let found = found.into_iter().fold(Calibration::default(), |all, row| all.plus_share(1.0, row));
         *calibration = calibration.plus_share(f64::from(denoised.kept), found);
         let calibration = *calibration;
-        let rows = shares.data.par_chunks_mut(grid.stride()).enumerate();
-        rows.with_min_len(8).for_each_init(Pool::default, |pool, (row, shares)| {
-            Arch::default().dispatch(Solve { sums, motions, row, pool, calibration, shares });
+        let rows = shares.data.par_chunks_mut(SOLVED * grid.stride()).enumerate();
+        rows.with_min_len(8).for_each_init(Pool::default, |pool, (row, to)| {
+            Arch::default().dispatch(Solve { sums, motions, row, pool, calibration, to });
         });
         if denoised.alone {
-            shares.data.fill(0.0);
+            shares.data.chunks_mut(grid.stride()).step_by(SOLVED).for_each(|shares| shares.fill(0.0));
         }
         let shares = &*shares;
         let of_row = |row: usize| {
@@ -131,20 +140,31 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
     #[inline(always)]
     fn call(self) {
         let Self { denoised, shares, row, interpolated, to } = self;
-        let Denoised { frame, grid, colors, alpha, .. } = *denoised;
+        let Denoised { frame, grid, colors, before, alpha, .. } = *denoised;
         let width = to.len();
+        let (one, groups) = (Lanes([1.0; LANES]), row * vectors(width));
         interpolated.take(grid, row, shares);
         let pixels = frame.color[row * width..][..width].chunks(LANES);
-        let colors = &colors[row * vectors(width)..];
+        let (colors, before) = (&colors[groups..], &before[groups..]);
+        let after = frame.ahead.map(|ahead| &ahead.differences[groups..]);
         // A single picture is compared with what comes out of it: how much changes tells noise from detail.
         let alphas = alpha.filter(|_| !denoised.alone).map(|alpha| &alpha[row * width..][..width]);
         for (at, ((to, pixels), found)) in to.chunks_mut(LANES).zip(pixels).zip(colors).enumerate() {
             let (color, seen) = loaded(pixels);
-            let share = interpolated.at(0, at) * seen;
-            let rest = Lanes([1.0; LANES]) - share;
-            let alpha = alphas.map_or(Lanes([1.0; LANES]), |alphas| {
-                Lanes(each(|lane| alphas.get(at * LANES + lane).copied().unwrap_or(0.0)))
-            });
+            let residual: [Lanes; CHANNELS] = each(|c| color[c] - found[c]);
+            let noise = interpolated.at(1, at);
+            let bright = beyond(dot(&residual, &residual), noise, BRIGHT);
+            // Few pixels are, and differences are not read where none is.
+            let steady = if bright.0 == [0.0; LANES] {
+                bright
+            } else {
+                let after = after.map_or(Difference::default(), |after| difference::whole(&after[at]));
+                bright * steady(&residual, [&difference::whole(&before[at]), &after])
+            };
+            let share = interpolated.at(0, at).max(steady) * seen;
+            let rest = one - share;
+            let alpha =
+                alphas.map_or(one, |alphas| Lanes(each(|lane| alphas.get(at * LANES + lane).copied().unwrap_or(0.0))));
             // 0 where color and alpha are so, and elsewhere 1.
             let is_there = Lanes(each(|lane| {
                 let [r, g, b]: [f32; 3] = each(|c| color[c].0[lane]);
@@ -156,6 +176,21 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
             }
         }
     }
+}
+
+/// Returns how far squares lie between two multiples of others.
+#[inline(always)]
+fn beyond(square: Lanes, of: Lanes, [from, to]: [f32; 2]) -> Lanes {
+    let ratio = square / of.max(Lanes([LEAST; LANES]));
+    ((ratio - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(Lanes([1.0; LANES]))
+}
+
+/// Returns the share of the residuals of eight pixels that is signal because the frames before and after, as far as they
+/// show the pixels, show the same. So a point of light that shines on is told from a bright path.
+#[inline(always)]
+fn steady(residual: &[Lanes; CHANNELS], [before, after]: [&Difference; 2]) -> Lanes {
+    // Differences that are not known are 0.
+    beyond(dot(residual, residual), dot(before, before).max(dot(after, after)), STEADY)
 }
 
 #[cfg(test)]
@@ -216,6 +251,7 @@ mod tests {
                 floor: 0.01,
                 kept: 0.88,
                 alone: false,
+                told: false,
                 mapped: true,
             };
             let mut to = frame::Denoised::default();
@@ -226,6 +262,28 @@ mod tests {
             }
         }
         sums
+    }
+
+    /// A point that shines on comes back, on whatever side of time it is seen, and where no other frame shows it; a bright
+    /// path does not, and nothing does that may be noise.
+    #[test]
+    fn points_that_shine_on_come_back() {
+        let residual = [Lanes([0.8; LANES]); CHANNELS];
+        let share = |apart: [Option<f32>; 2]| {
+            let [before, after] = apart.map(|apart| -> Difference {
+                let known = if apart.is_some() { 1.0 } else { 0.0 };
+                each(|i| Lanes([if i < CHANNELS { apart.unwrap_or(0.0) } else { known }; LANES]))
+            });
+            steady(&residual, [&before, &after]).0[0]
+        };
+        for apart in [[Some(0.01), Some(-0.01)], [None, Some(0.01)], [None, None]] {
+            assert_eq!(share(apart), 1.0);
+        }
+        for apart in [[Some(0.8), Some(0.79)], [Some(0.01), Some(0.8)], [None, Some(0.8)]] {
+            assert_eq!(share(apart), 0.0);
+        }
+        let bright = |residual: f32, noise: f32| beyond(Lanes([residual; LANES]), Lanes([noise; LANES]), BRIGHT).0[0];
+        assert_eq!([bright(0.64, 1e-4), bright(4e-4, 1e-4), bright(0.64, 1e30)], [1.0, 0.0, 0.0]);
     }
 
     /// Without noise colors come back whole; of noise nothing does; and what comes out is never worse than the better

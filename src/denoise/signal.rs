@@ -6,10 +6,15 @@
 
 use super::blocks::{Planes, Pool};
 use super::lanes::{LANES, Lanes, each};
-use super::noise::{CHANCE, DIRECT, EXCESS, EXCESS_CHANCE, LIGHT, LIGHT_NEAREST, LIGHT_NOISE, NOISE, RESIDUAL, SINCE};
+use super::noise::{
+    ADDED, CHANCE, DIRECT, EXCESS, EXCESS_CHANCE, LIGHT, LIGHT_NEAREST, LIGHT_NOISE, NOISE, NOISE_POWER, PIXELS,
+    RESIDUAL, RESIDUAL_POWER, SINCE,
+};
 use super::reprojection::noise_gain;
 use glam::Vec2;
 
+/// Numbers that a block is solved for: the share of its residuals that is signal, and the mean square of its noise.
+pub const SOLVED: usize = 2;
 /// Blocks to each side over which sums are pooled.
 pub const POOL: usize = 2;
 /// Standard deviations of the noise's square that are added to it, so that chance seldom takes noise for signal: of a
@@ -20,6 +25,11 @@ const DEVIATIONS: [f32; 2] = [1.25, 0.75];
 const ONE_SIDED: [f32; 2] = [0.25, 0.45];
 /// Noise that second differences show, as a multiple: texture is more often taken for noise than noise for texture.
 const AROUND: f32 = 1.25;
+/// Noise as a multiple of what nearest pixels show at most. No filter of pixels makes neighbours as alike as texture is
+/// that moves without a motion, and looks like noise from frame to frame.
+const FARTHEST: f32 = 8.0;
+/// Noise that the frames before show, as a multiple.
+const EARLIER: f32 = 1.25;
 /// Noise that nearest pixels show, as a multiple at least.
 const NEAREST: f32 = 1.1;
 /// Standard deviations of the excess by chance from which on it shows another signal: where that is rare in a picture,
@@ -34,8 +44,12 @@ const MOST: f32 = 4.0;
 const OTHER: f32 = 0.1;
 /// Shares of the noise that lie where the frames show the same signal, between which calibration comes to count.
 const FITTING: [f64; 2] = [0.05, 0.25];
+/// Such shares between which it ceases to be chance that frames seem to show the same signal, where another is common.
+const BY_CHANCE: [f64; 2] = [0.1, 0.3];
 /// Share of what resampling averages away of noise that counts as noise that neighbours share.
 const SPREAD: f32 = 0.5;
+/// Noise that is not known: as much as can be interpolated.
+const UNKNOWN: f32 = 1e30;
 /// Least residual, where there is none.
 const LEAST: f32 = 1e-30;
 
@@ -59,6 +73,10 @@ struct Pooled {
     chances: Lanes,
     excesses: Lanes,
     excess_chances: Lanes,
+    /// Mean square of the noise of the frames before, as a share of that of the residual; infinite where unknown.
+    earlier: Lanes,
+    /// Mean square of the noise of all frames; [`UNKNOWN`] where it is.
+    power: Lanes,
 }
 
 impl Pooled {
@@ -67,12 +85,21 @@ impl Pooled {
     fn of_row(sums: &Planes, motions: &[Vec2], row: usize, pool: &mut Pool, mut with: impl FnMut(usize, &Self)) {
         const NOW: [usize; 8] = [NOISE, DIRECT, RESIDUAL, CHANCE, EXCESS, LIGHT_NOISE, LIGHT_NEAREST, LIGHT];
         const OF_ALL: [usize; 5] = [NOISE, RESIDUAL, CHANCE, EXCESS, EXCESS_CHANCE];
-        let places = NOW.into_iter().chain(OF_ALL.map(|place| SINCE + place));
+        const POWERS: [usize; 5] =
+            [SINCE + NOISE_POWER, SINCE + PIXELS, ADDED + NOISE_POWER, ADDED + RESIDUAL_POWER, ADDED + PIXELS];
+        let places = NOW.into_iter().chain(OF_ALL.map(|place| SINCE + place)).chain(POWERS);
         let (vectors, found) = pool.sums(sums, row, places.map(|plane| (plane, POOL)));
         for vector in 0..vectors {
             let of = |plane: usize| found[plane * vectors + vector];
             let [noise, direct, residual, chance, excess, light_noise, light_nearest, light] = each(of);
             let [noises, residuals, chances, excesses, excess_chances] = each(|plane| of(NOW.len() + plane));
+            let [noise_power, pixels, own, residual_power, own_pixels] =
+                each(|plane| of(NOW.len() + OF_ALL.len() + plane));
+            let least = Lanes([LEAST; LANES]);
+            let before = pixels - own_pixels - Lanes([1.0; LANES]);
+            let known = before.max(Lanes::ZERO) * own_pixels;
+            let earlier = (noise_power - own).max(Lanes::ZERO) * own_pixels / (before * residual_power).max(least);
+            let earlier = known.select(earlier, Lanes([f32::INFINITY; LANES]));
             let at = row * sums.columns() + vector * LANES;
             let averaged = |lane: usize| motions.get(at + lane).map_or(0.0, |motion| 1.0 - noise_gain(*motion));
             let pooled = Self {
@@ -90,6 +117,8 @@ impl Pooled {
                 chances,
                 excesses,
                 excess_chances,
+                earlier,
+                power: pixels.select(noise_power.max(Lanes::ZERO) / pixels.max(least), Lanes([UNKNOWN; LANES])),
             };
             with(vector, &pooled);
         }
@@ -121,9 +150,9 @@ impl Pooled {
     }
 
     /// Returns the share of the residuals that is signal. Nearest pixels show the noise by a factor, and count where
-    /// the excess is beyond so many deviations.
+    /// the excess is beyond so many deviations, and by a share everywhere.
     #[inline(always)]
-    fn signal(&self, factor: f32, deviations: f32) -> Lanes {
+    fn signal(&self, factor: f32, deviations: f32, everywhere: f32) -> Lanes {
         let (one, least) = (Lanes([1.0; LANES]), Lanes([LEAST; LANES]));
         let residual = self.residual.max(least);
         let chance = self.chance.sqrt() * DEVIATIONS[0];
@@ -134,8 +163,13 @@ impl Pooled {
         let [from, to] = ONE_SIDED;
         let part = ((square - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(one);
         let now = square + (product - square) * part;
-        let near = self.light_nearest / self.light.max(least) * factor;
-        let now = now + (now.min(near) - now) * self.other(deviations);
+        let nearest = self.light_nearest / self.light.max(least);
+        let near = nearest * factor;
+        let other = self.other(deviations).max(Lanes([everywhere; LANES]));
+        let now = now + (now.min(near) - now) * other;
+        // A frame that differs from both around, which are alike, has more noise or shows something else. More noise
+        // shows in the nearest pixel, too.
+        let now = now.min(near.max(self.earlier * EARLIER));
         // Frames before and after that are more alike than their noise allows have lost the same texture, and the
         // difference between them is that of their noise; or this frame has more noise than they, which shows around.
         let deviation = self.chances.sqrt() * DEVIATIONS[1];
@@ -145,7 +179,7 @@ impl Pooled {
         let since = since(self.noises).min(alike);
         let around = self.light_noise * AROUND / self.light.max(least);
         // Numbers that are none lose every comparison.
-        let signal = (one - now.min(since).min(around)).max(Lanes::ZERO).min(one);
+        let signal = (one - now.min(since).min(around).min(nearest * FARTHEST)).max(Lanes::ZERO).min(one);
         // Small shares are more often chance than signal.
         signal * signal * (Lanes([3.0; LANES]) - signal * 2.0)
     }
@@ -178,13 +212,26 @@ impl Calibration {
         }
     }
 
-    /// Returns the deviations from which on an excess shows another signal.
-    fn deviations(&self) -> f32 {
+    /// Returns 1 where another signal is common in the picture, and 0 where it is rare.
+    fn common(&self) -> f64 {
         let [rare, common] = COMMON;
         let share = (((self.squares / self.count).sqrt() - rare) / (common - rare)).clamp(0.0, 1.0);
         // Of nothing it is not a number.
-        let share = if share > 0.0 { share as f32 } else { 0.0 };
-        BEYOND[0] + (BEYOND[1] - BEYOND[0]) * share
+        if share > 0.0 { share } else { 0.0 }
+    }
+
+    /// Returns the deviations from which on an excess shows another signal.
+    fn deviations(&self) -> f32 {
+        BEYOND[0] + (BEYOND[1] - BEYOND[0]) * self.common() as f32
+    }
+
+    /// Returns 1 where the frames show another signal nearly everywhere, so that where they seem to show the same it is
+    /// chance.
+    fn everywhere_other(&self) -> f32 {
+        let [few, most] = BY_CHANCE;
+        let share = ((most - self.nearest / self.everywhere) / (most - few)).clamp(0.0, 1.0) * self.common();
+        // Of nothing it is not a number.
+        if share > 0.0 { share as f32 } else { 0.0 }
     }
 
     /// Returns the noise as a multiple of what nearest pixels show.
@@ -246,7 +293,8 @@ pub struct Solve<'a> {
     pub row: usize,
     pub pool: &'a mut Pool,
     pub calibration: Calibration,
-    pub shares: &'a mut [f32],
+    /// Where they go, plane after plane.
+    pub to: &'a mut [f32],
 }
 
 impl pulp::NullaryFnOnce for Solve<'_> {
@@ -254,10 +302,13 @@ impl pulp::NullaryFnOnce for Solve<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { sums, motions, row, pool, calibration, shares } = self;
-        let (factor, deviations) = (calibration.factor(), calibration.deviations());
+        let Self { sums, motions, row, pool, calibration, to } = self;
+        let (shares, powers) = to.split_at_mut(to.len() / SOLVED);
+        let (factor, deviations, everywhere) =
+            (calibration.factor(), calibration.deviations(), calibration.everywhere_other());
         Pooled::of_row(sums, motions, row, pool, |vector, sums| {
-            sums.signal(factor, deviations).store(shares, vector * LANES);
+            sums.signal(factor, deviations, everywhere).store(shares, vector * LANES);
+            sums.power.store(powers, vector * LANES);
         });
     }
 }
@@ -285,6 +336,8 @@ mod tests {
             residuals: all(noise + error),
             chances: all(1e-6),
             excess_chances: all(1e-6),
+            earlier: all(f32::INFINITY),
+            power: all(noise),
             ..Pooled::default()
         }
     }
@@ -293,24 +346,30 @@ mod tests {
     /// noise no more, and the nearest pixel tells it. Where they show the same, the nearest pixel counts for nothing.
     #[test]
     fn nearest_pixels_tell_the_noise_of_other_signals() {
-        let signal = |pooled: Pooled| pooled.signal(1.0, 1.0).0[0];
+        let signal = |pooled: Pooled| pooled.signal(1.0, 1.0, 0.0).0[0];
         let right = pooled(1.0, 9.0);
         assert!((signal(right) - 0.972).abs() < 1e-3, "{}", signal(right));
         // Products take the error for noise.
-        let fooled = Pooled { noise: all(10.0), direct: all(10.0), noises: all(10.0), ..right };
+        let fooled = Pooled { noise: all(5.0), direct: all(5.0), noises: all(5.0), ..pooled(1.0, 4.0) };
         assert_eq!(signal(fooled), 0.0);
-        for excess in [5.0, -5.0] {
+        for excess in [2.5, -2.5] {
             let now = Pooled { excess: all(excess), ..fooled };
-            assert!(signal(now) > 0.95, "{excess}: {}", signal(now));
+            assert!(signal(now) > 0.85, "{excess}: {}", signal(now));
         }
-        let since = Pooled { excesses: all(-9.0), ..fooled };
-        assert!(signal(since) > 0.95, "{}", signal(since));
+        let since = Pooled { excesses: all(-4.5), ..fooled };
+        assert!(signal(since) > 0.85, "{}", signal(since));
         // A frame of more noise than those around, which its pixels show.
         let noisy = Pooled { excesses: all(-9.0), excess: all(-9.0), ..pooled(10.0, 0.1) };
         assert!(signal(noisy) < 0.01, "{}", signal(noisy));
-        // Noise that neighbours share.
-        let shared = Pooled { light_nearest: all(0.0), ..pooled(1.0, 0.01) };
-        assert!(signal(shared) < 0.01, "{}", signal(shared));
+        // One that has no more noise than those before has another signal.
+        let odd = Pooled { earlier: all(0.1), ..fooled };
+        assert!(signal(odd) > 0.85, "{}", signal(odd));
+        assert!(signal(Pooled { light_nearest: all(15.0), ..odd }) < 0.01);
+        // Where the frames hardly ever show the same signal, it is chance that they seem to.
+        assert!(fooled.signal(1.0, 1.0, 1.0).0[0] > 0.85);
+        // Noise that neighbours share, as far as filters of pixels make them, and more than that.
+        let shared = |nearest: f32| signal(Pooled { light_nearest: all(nearest), ..pooled(1.0, 0.01) });
+        assert!(shared(0.6) < 0.01 && shared(0.0) == 1.0, "{} {}", shared(0.6), shared(0.0));
     }
 
     /// Excesses of resampled noise that neighbours share show no other signal.
@@ -330,6 +389,8 @@ mod tests {
         assert_eq!([found.factor(), found.deviations()], [4.0, BEYOND[0]]);
         let other = Calibration { everywhere: 100.0, squares: 8.0, ..found };
         assert_eq!([other.factor(), other.deviations()], [NEAREST, BEYOND[1]]);
+        assert_eq!([found.everywhere_other(), other.everywhere_other()], [0.0, 1.0]);
+        assert_eq!(Calibration::default().everywhere_other(), 0.0);
         assert_eq!([Calibration::default().factor(), Calibration::default().deviations()], [NEAREST, BEYOND[0]]);
         let [sum, half] = [1.0, 0.5].map(|share| found.plus_share(share, other));
         assert_eq!([sum.by_time, half.by_time, half.count], [8.0, 6.0, 3.0]);

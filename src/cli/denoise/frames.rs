@@ -132,7 +132,7 @@ impl Sequence<'_> {
             if cancel.load(Ordering::Relaxed) {
                 return Err(Error::cancelled());
             }
-            let (frame, forward, keep) = match *step {
+            let (frame, forward, keep, again) = match *step {
                 Step::Begin => {
                     directions.iter_mut().for_each(Directions::begin);
                     continue;
@@ -141,8 +141,12 @@ impl Sequence<'_> {
                     directions.iter_mut().for_each(Directions::turn);
                     continue;
                 }
-                Step::Look { frame, keep } => (frame, false, keep),
-                Step::Denoise { frame, write } => (frame, true, write),
+                Step::Rewind => {
+                    directions.iter_mut().for_each(Directions::rewind);
+                    continue;
+                }
+                Step::Look { frame, keep } => (frame, false, keep, true),
+                Step::Denoise { frame, write, again } => (frame, true, write, again),
             };
             let number = self.numbers[frame];
             let Ok(shot) = read.recv() else { return Err(Error::cancelled()) };
@@ -152,7 +156,7 @@ impl Sequence<'_> {
                 Err(e) => {
                     if forward && keep {
                         done.failed.push((number, e));
-                    } else if forward {
+                    } else if forward && !again {
                         output.note(format!("frame {number}, of which others learn: {e}"));
                     }
                     continue;
@@ -169,7 +173,7 @@ impl Sequence<'_> {
             for (view, directions) in shot.views.into_iter().zip(&mut directions) {
                 if forward {
                     let mut denoised = spares.pop().unwrap_or_default();
-                    let cut = self.view(number, &view, directions, &mut denoised)?;
+                    let cut = self.view(number, &view, again, directions, &mut denoised)?;
                     cuts.extend(cut.then_some(number));
                     if let Some(found) = denoised[0].estimate.filter(|_| keep) {
                         let (estimate, frames) = done.estimate;
@@ -194,9 +198,16 @@ impl Sequence<'_> {
         Ok(done)
     }
 
-    /// Denoises a view of a frame into `to`. Returns true if it begins a shot.
-    fn view(&self, number: u32, view: &View, directions: &mut Directions, to: &mut Vec<Denoised>) -> Result<bool> {
-        let cut = directions.denoise(number, view, to)?;
+    /// Denoises a view of a frame, which is denoised once more with `again`, into `to`. Returns true if it begins a shot.
+    fn view(
+        &self,
+        number: u32,
+        view: &View,
+        again: bool,
+        directions: &mut Directions,
+        to: &mut Vec<Denoised>,
+    ) -> Result<bool> {
+        let cut = directions.denoise(number, view, again, to)?;
         // No other frame has told detail from noise.
         if let [_] = self.numbers {
             view.layers.iter().zip(to).for_each(|(layer, to)| still::keep_detail(&view.frame(layer), to));

@@ -1,4 +1,4 @@
-//! Files that were read for the backward direction and are held for the forward one.
+//! Files that were read for the backward direction, or a first time for the forward one, and are held for the next.
 
 use crate::formats::exr::Document;
 use crate::formats::limits::Limits;

@@ -95,6 +95,8 @@ pub struct Directions {
     backward: Course,
     /// One denoiser a layer, from the first frame on.
     denoisers: Vec<Denoiser>,
+    /// True after a cut.
+    is_cut: bool,
     lookaheads: Vec<Lookahead>,
     /// Histories over the frames that follow, one a layer, by the frame's number.
     kept: BTreeMap<u32, Vec<Ahead>>,
@@ -113,6 +115,7 @@ impl Directions {
             forward: Course::default(),
             backward: Course::default(),
             denoisers: Vec::new(),
+            is_cut: false,
             lookaheads: Vec::new(),
             kept: BTreeMap::new(),
             spare: Vec::new(),
@@ -122,9 +125,16 @@ impl Directions {
     /// Begins a piece of work that depends on nothing before.
     pub fn begin(&mut self) {
         self.denoisers.iter_mut().for_each(Denoiser::reset);
-        self.forward = Course::default();
+        (self.forward, self.is_cut) = (Course::default(), false);
         self.spare.extend(std::mem::take(&mut self.kept).into_values().flatten());
         self.turn();
+    }
+
+    /// Begins again at the first frame, with what was learned of the noise if it was that of the same shot.
+    pub fn rewind(&mut self) {
+        let again = if self.is_cut { Denoiser::reset } else { Denoiser::rewind };
+        self.denoisers.iter_mut().for_each(again);
+        (self.forward, self.is_cut) = (Course::default(), false);
     }
 
     /// Begins to look backwards.
@@ -157,16 +167,18 @@ impl Directions {
         Ok(())
     }
 
-    /// Denoises the layers of the next frame into `to`, whose memory is used again. Returns true if it begins a shot.
+    /// Denoises the layers of the next frame into `to`, whose memory is used again. With `again`, what those after it show
+    /// of it stays for another time. Returns true if it begins a shot.
     ///
     /// # Errors
     /// If the settings cannot be used, or layers contradict their size.
-    pub fn denoise(&mut self, number: u32, view: &View, to: &mut Vec<Denoised>) -> Result<bool> {
+    pub fn denoise(&mut self, number: u32, view: &View, again: bool, to: &mut Vec<Denoised>) -> Result<bool> {
         // Its memory serves others until frames are looked at again.
         self.lookaheads.clear();
         let (motion, cut) = self.forward.next(number, view, self.find_cuts);
         if cut {
             self.denoisers.iter_mut().for_each(Denoiser::reset);
+            self.is_cut = true;
         }
         while self.denoisers.len() < view.layers.len() {
             let denoiser = Denoiser::new(self.method, self.settings)?;
@@ -177,7 +189,11 @@ impl Directions {
         for (i, (layer, denoiser)) in view.layers.iter().zip(&mut self.denoisers).enumerate() {
             denoiser.denoise_into(&frame(view, layer, motion.as_deref(), aheads.get(i)), &mut to[i])?;
         }
-        self.spare.extend(aheads);
+        if again {
+            self.kept.insert(number, aheads);
+        } else {
+            self.spare.extend(aheads);
+        }
         Ok(cut)
     }
 }

@@ -12,8 +12,11 @@ pub enum Step {
     Backward,
     /// Look at the frame from those after it; keep what they show of it if it will be denoised.
     Look { frame: usize, keep: bool },
-    /// Denoise the frame, by those before it and what was kept of those after it; write it if it is wanted.
-    Denoise { frame: usize, write: bool },
+    /// Denoise the frame, by those before it and what was kept of those after it; write it if it is wanted. With
+    /// `again`, it is denoised once more later.
+    Denoise { frame: usize, write: bool, again: bool },
+    /// Begin again at the first frame, with what was learned of the noise.
+    Rewind,
 }
 
 /// Frame to be read.
@@ -23,6 +26,8 @@ pub struct Read {
     /// False where the frame is looked at from those after it.
     pub forward: bool,
     pub write: bool,
+    /// True if it is read once more later.
+    pub again: bool,
 }
 
 /// Steps of a sequence.
@@ -30,6 +35,9 @@ pub struct Read {
 pub struct Plan {
     pub steps: Vec<Step>,
 }
+
+/// Frames at the beginning of a sequence that are denoised twice: those behind the first one tell its noise.
+const REHEARSED: usize = 2;
 
 /// Bytes that what is kept of the backward direction may take.
 const KEPT_BYTES: usize = 320 << 20;
@@ -43,7 +51,8 @@ pub fn kept(pixels: usize) -> usize {
 impl Plan {
     /// Plans the frames, of which those with `write` are wanted. Runs of wanted frames, cut into chunks of `chunk` if
     /// that is given, are denoised on their own, after `overlap` frames that come before. With `two_way`, frames are looked at
-    /// backwards first, `kept` of them at a time, from `overlap` frames behind.
+    /// backwards first, `kept` of them at a time, from `overlap` frames behind, and the first ones are denoised twice
+    /// where none come before.
     pub fn new(write: &[bool], two_way: bool, chunk: Option<u32>, overlap: usize, kept: usize) -> Self {
         let mut steps = Vec::new();
         for run in runs(write, chunk) {
@@ -55,9 +64,17 @@ impl Plan {
                 if two_way {
                     steps.push(Step::Backward);
                     let last = (end + overlap).min(write.len());
-                    steps.extend((from..last).rev().map(|frame| Step::Look { frame, keep: frame < end }));
+                    let rehearsed = if from == run.start { (from + REHEARSED).min(last) } else { from };
+                    let kept = end.max(rehearsed);
+                    steps.extend((from..last).rev().map(|frame| Step::Look { frame, keep: frame < kept }));
+                    if rehearsed > from + 1 {
+                        let again = |frame| Step::Denoise { frame, write: false, again: true };
+                        steps.extend((from..rehearsed).map(again));
+                        steps.push(Step::Rewind);
+                    }
                 }
-                steps.extend((from..end).map(|frame| Step::Denoise { frame, write: frame >= run.start }));
+                let once = |frame| Step::Denoise { frame, write: frame >= run.start, again: false };
+                steps.extend((from..end).map(once));
                 from = end;
             }
         }
@@ -67,9 +84,9 @@ impl Plan {
     /// Returns the frames in the order in which they are read.
     pub fn reads(&self) -> impl Iterator<Item = Read> {
         self.steps.iter().filter_map(|step| match *step {
-            Step::Look { frame, .. } => Some(Read { frame, forward: false, write: false }),
-            Step::Denoise { frame, write } => Some(Read { frame, forward: true, write }),
-            Step::Begin | Step::Backward => None,
+            Step::Look { frame, .. } => Some(Read { frame, forward: false, write: false, again: true }),
+            Step::Denoise { frame, write, again } => Some(Read { frame, forward: true, write, again }),
+            Step::Begin | Step::Backward | Step::Rewind => None,
         })
     }
 }
@@ -109,13 +126,26 @@ mod tests {
             Look { frame: 3, keep: true },
             Look { frame: 2, keep: true },
             Look { frame: 1, keep: true },
-            Denoise { frame: 1, write: false },
-            Denoise { frame: 2, write: true },
-            Denoise { frame: 3, write: true },
+            Denoise { frame: 1, write: false, again: false },
+            Denoise { frame: 2, write: true, again: false },
+            Denoise { frame: 3, write: true, again: false },
         ];
         assert_eq!(plan.steps, steps);
+        let first = Plan::new(&[true, false, false], true, None, 16, 8);
+        let steps = [
+            Begin,
+            Backward,
+            Look { frame: 2, keep: false },
+            Look { frame: 1, keep: true },
+            Look { frame: 0, keep: true },
+            Denoise { frame: 0, write: false, again: true },
+            Denoise { frame: 1, write: false, again: true },
+            Rewind,
+            Denoise { frame: 0, write: true, again: false },
+        ];
+        assert_eq!(first.steps, steps);
         let one_way = Plan::new(&[true; 3], false, None, 16, 8);
-        let reads = [0, 1, 2].map(|frame| Read { frame, forward: true, write: true });
+        let reads = [0, 1, 2].map(|frame| Read { frame, forward: true, write: true, again: false });
         assert_eq!(one_way.reads().collect::<Vec<_>>(), reads);
     }
 }

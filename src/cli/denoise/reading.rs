@@ -35,7 +35,7 @@ impl Reader<'_> {
     /// # Errors
     /// If the file cannot be read, has not the layers that are asked for, or no finite pixel.
     pub fn shot(&mut self, read: Read, cancel: &AtomicBool) -> Result<Shot> {
-        let Read { frame, forward, write } = read;
+        let Read { frame, forward, write, again } = read;
         let path = &self.inputs[frame];
         let mut document = match self.held.take(frame) {
             Some(document) => document,
@@ -63,7 +63,7 @@ impl Reader<'_> {
             let kept: BTreeSet<[usize; 2]> = targets.filter_map(|t| Some([t.part, t.kept?])).collect();
             kept.into_iter().for_each(|[part, channel]| fill_in(&mut document, part, channel));
             shot.document = Some(document);
-        } else if !forward {
+        } else if again {
             self.held.insert(frame, document);
         }
         Ok(shot)
