@@ -105,7 +105,9 @@ impl Residuals {
                 let which = [PIXELS, NOISE_POWER, RESIDUAL_POWER].map(|place| (SINCE + place, POOL));
                 let (vectors, pooled) = pool.sums(sums, row, which.into_iter());
                 let planes = [0, 1, 2].map(|plane| &pooled[plane * vectors..][..vectors]);
-                estimate::map_row(planes, shares.row(row, 0), since.fits(), to);
+                // What others told of the noise of a first frame does not tell its error.
+                let fits = since.fits() && !denoised.told;
+                estimate::map_row(planes, shares.row(row, 0), fits, to);
             });
             let maps = &*maps;
             to.map.resize(frame.color.len(), [0.0; estimate::MAPPED]);
