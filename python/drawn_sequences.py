@@ -2,8 +2,8 @@
 
     drawn_sequences.py FOLDER [--only NAME ...] [--noises NOISE ...] [--json OUT.json] [--keep]
 
-Thirty-three sequences of 24 frames of 128x128 pixels, at rest and moving, with motion and without, sharp and smooth, each with
-Gaussian noise of deviations 0, 0.0001, 0.01 and 0.1 and with that of 64 and 2 paths of heavy tails. A row has decibels (of a
+Thirty-four sequences of 24 frames of 128x128 pixels, at rest and moving, with motion and without, sharp and smooth, each
+with Gaussian noise of deviations 0, 0.0001, 0.01 and 0.1 and with that of 64 and 2 paths of heavy tails. A row has decibels (of a
 peak of 1) that go in and come out over all frames, the frame that gains least, the mean of all frames where the sequence is
 at rest, and the noise and error that the program tells, in decibels, too, or a dash. Pictures are kept in FOLDER with `--keep`.
 Needs numpy and OpenEXR (`peers/requirements-denoisers.txt`). CUMULO is the program, `cumulo` by default.

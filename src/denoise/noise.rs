@@ -22,8 +22,8 @@ use super::vectors::{Features, vectors};
 use crate::arch::Arch;
 use glam::Vec2;
 
-/// Numbers of a block: sums over the pixels of this frame; sums over those of all frames that count, older ones by less;
-/// and those of this frame that are added to them.
+/// Numbers of a block: sums over the pixels of this frame; sums over those of all frames that count, older ones by
+/// less; and those of this frame that are added to them.
 pub const SUMS: usize = 3 * LANES;
 /// Sums of a block.
 pub type Sums = [f32; SUMS];
@@ -44,9 +44,9 @@ pub const LIGHT_NOISE: usize = 5;
 pub const LIGHT_NEAREST: usize = 6;
 pub const LIGHT: usize = 7;
 
-/// First places of the sums of all frames, and of those of this frame that are added to them. Both have noise, residual,
-/// chance and excess where the sums of this frame have them. The excess is that of pixels that are known on both sides of
-/// time; the pixels of a last frame, known before alone, count in none.
+/// First places of the sums of all frames, and of those of this frame that are added to them. Both have noise,
+/// residual, chance and excess where the sums of this frame have them. The excess is that of pixels that are known on
+/// both sides of time; the pixels of a last frame, known before alone, count in none.
 pub const SINCE: usize = LANES;
 pub const ADDED: usize = 2 * LANES;
 /// Place among them of the square of each pixel's excess.

@@ -19,7 +19,8 @@ const PARTIAL: [f32; 2] = [0.02, 0.98];
 /// above which few paths sampled alpha: where alpha is partial all around, and in the whole picture. This is by second
 /// differences, to which the finest outlines are noise.
 const NOISY: [f64; 2] = [0.01, 0.15];
-/// The same by the lesser estimate, to which outlines are no noise.
+/// Variance of the noise as a share of `α (1 - α)`, above which few paths sampled alpha: where alpha is partial all
+/// around, and in the whole picture. This is by the lesser estimate, to which outlines are no noise.
 const SAMPLED: [f64; 2] = [0.005, 0.12];
 /// Relative variance of alpha's noise, as a share of that of the colors, up to which alpha guides all the same.
 const CLEANER: f64 = 0.35;

@@ -155,7 +155,7 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
             let (color, seen) = loaded(pixels);
             let residual: [Lanes; CHANNELS] = each(|c| color[c] - found[c]);
             let noise = interpolated.at(1, at);
-            let bright = beyond(dot(&residual, &residual), noise, BRIGHT);
+            let bright = ramp(dot(&residual, &residual), noise, BRIGHT);
             // Few pixels are, and differences are not read where none is.
             let steady = if bright.0 == [0.0; LANES] {
                 bright
@@ -180,19 +180,19 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
     }
 }
 
-/// Returns how far squares lie between two multiples of others.
+/// Returns 0 where squares are below the first multiple of others, 1 above the second, and a linear ramp between.
 #[inline(always)]
-fn beyond(square: Lanes, of: Lanes, [from, to]: [f32; 2]) -> Lanes {
+fn ramp(square: Lanes, of: Lanes, [from, to]: [f32; 2]) -> Lanes {
     let ratio = square / of.max(Lanes([LEAST; LANES]));
     ((ratio - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(Lanes([1.0; LANES]))
 }
 
-/// Returns the share of the residuals of eight pixels that is signal because the frames before and after, as far as they
-/// show the pixels, show the same. So a point of light that shines on is told from a bright path.
+/// Returns the share of the residuals of eight pixels that is signal because the frames before and after, as far as
+/// they show the pixels, show the same. So a point of light that shines on is told from a bright path.
 #[inline(always)]
 fn steady(residual: &[Lanes; CHANNELS], [before, after]: [&Difference; 2]) -> Lanes {
     // Differences that are not known are 0.
-    beyond(dot(residual, residual), dot(before, before).max(dot(after, after)), STEADY)
+    ramp(dot(residual, residual), dot(before, before).max(dot(after, after)), STEADY)
 }
 
 #[cfg(test)]
@@ -284,7 +284,7 @@ mod tests {
         for apart in [[Some(0.8), Some(0.79)], [Some(0.01), Some(0.8)], [None, Some(0.8)]] {
             assert_eq!(share(apart), 0.0);
         }
-        let bright = |residual: f32, noise: f32| beyond(Lanes([residual; LANES]), Lanes([noise; LANES]), BRIGHT).0[0];
+        let bright = |residual: f32, noise: f32| ramp(Lanes([residual; LANES]), Lanes([noise; LANES]), BRIGHT).0[0];
         assert_eq!([bright(0.64, 1e-4), bright(4e-4, 1e-4), bright(0.64, 1e30)], [1.0, 0.0, 0.0]);
     }
 

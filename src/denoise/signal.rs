@@ -1,7 +1,7 @@
 //! Share of the residual that is signal.
 //!
-//! Several estimates of the [`noise`](super::noise) hold under different assumptions. Each alone can show that a residual
-//! is more than noise: the frame's own, that of all frames so far, and that of smooth surroundings. That of the nearest
+//! Several estimates of the [`noise`](super::noise) hold under different assumptions. Each alone can show that a
+//! residual is more than noise: the frame's own, that of all frames so far, and that of smooth surroundings. That of the nearest
 //! pixel takes the place of the frame's own where the frames around show another signal.
 
 use super::blocks::{Planes, Pool};
@@ -44,7 +44,8 @@ const MOST: f32 = 4.0;
 const OTHER: f32 = 0.1;
 /// Shares of the noise that lie where the frames show the same signal, between which calibration comes to count.
 const FITTING: [f64; 2] = [0.05, 0.25];
-/// Such shares between which it ceases to be chance that frames seem to show the same signal, where another is common.
+/// Shares of the noise that lie where the frames seem to show the same signal, between which that ceases to be chance
+/// in a picture where another signal is common.
 const BY_CHANCE: [f64; 2] = [0.1, 0.3];
 /// Share of what resampling averages away of noise that counts as noise that neighbours share.
 const SPREAD: f32 = 0.5;

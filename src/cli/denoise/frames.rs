@@ -198,7 +198,8 @@ impl Sequence<'_> {
         Ok(done)
     }
 
-    /// Denoises a view of a frame, which is denoised once more with `again`, into `to`. Returns true if it begins a shot.
+    /// Denoises a view of a frame into `to`; with `again` it is denoised once more later. Returns true if it begins a
+    /// shot.
     fn view(
         &self,
         number: u32,

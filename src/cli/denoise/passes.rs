@@ -167,8 +167,8 @@ impl Directions {
         Ok(())
     }
 
-    /// Denoises the layers of the next frame into `to`, whose memory is used again. With `again`, what those after it show
-    /// of it stays for another time. Returns true if it begins a shot.
+    /// Denoises the layers of the next frame into `to`, whose memory is used again. With `again`, what those after it
+    /// show of it stays for another time. Returns true if it begins a shot.
     ///
     /// # Errors
     /// If the settings cannot be used, or layers contradict their size.
