@@ -50,6 +50,12 @@ pub fn whole(halved: &Halved) -> Difference {
     [of(to[0]), of(to[1]), of(to[2]), known]
 }
 
+/// Returns differences less a share of the colors.
+#[inline(always)]
+pub fn without([r, g, b, known]: &Difference, share: Lanes, colors: &[Lanes; CHANNELS]) -> Difference {
+    [*r - colors[0] * share, *g - colors[1] * share, *b - colors[2] * share, *known]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -11,6 +11,7 @@ use super::detail;
 use super::difference::Halved;
 use super::frame::{Denoised, Frame};
 use super::history::{Histories, Past};
+use super::illumination::{Compared, Illumination};
 use super::lanes::{LANES, Lanes};
 use super::learning::{self, Lines, STATE, Sums};
 use super::noise;
@@ -86,6 +87,7 @@ struct Scratch {
 pub struct GuidedDenoiser {
     state: State,
     scratch: Scratch,
+    illumination: Illumination,
     residuals: Residuals,
     /// True after it was rewound.
     rehearsed: bool,
@@ -142,11 +144,14 @@ impl GuidedDenoiser {
         self.solve(grid);
         self.learn_detail(frame.size[0], grid, kept);
         self.predict(frame.size, grid, to);
-        let (colors, floor) = (&self.scratch.features[..], learning::error_floor(self.state.level));
+        let floor = learning::error_floor(self.state.level);
+        let alone = self.state.bases[..2] == [false; 2];
+        let compared = Compared { frame, grid, before: &self.scratch.differences, floor, alone };
+        self.illumination.follow(compared, &mut self.scratch.features);
+        let colors = &self.scratch.features[..];
         let (before, motions) = (&self.scratch.differences[..], &self.scratch.motions[..]);
         // What one side of time told of the noise hardly counts once both are known.
         let kept_noise = if self.rehearsed || is_two_sided { FORGETTING } else { kept };
-        let alone = self.state.bases[..2] == [false; 2];
         let (alpha, mapped) = (outline.exact, self.mapped);
         let own = &self.scratch.determined;
         let denoised = noise::Denoised {
@@ -156,6 +161,7 @@ impl GuidedDenoiser {
             own,
             colors,
             before,
+            illumination: &self.illumination.changes,
             alpha,
             floor,
             kept: kept_noise,

@@ -23,6 +23,7 @@ pub mod feature;
 pub mod frame;
 pub mod guided;
 mod history;
+mod illumination;
 mod lanes;
 mod layout;
 mod learning;

@@ -11,10 +11,11 @@
 
 use super::blocks::{BLOCK, Grid, Planes};
 use super::carried::{carry, to_planes};
-use super::difference::{self, Difference, Halved};
+use super::difference::{self, CHANNELS, Difference, Halved};
 use super::estimate;
 use super::frame::Frame;
 use super::history::loaded;
+use super::illumination;
 use super::lanes::{LANES, Lanes, each};
 use super::layout::{MARGIN, line_of};
 use super::reprojection::noise_gain;
@@ -81,6 +82,8 @@ pub struct Denoised<'d> {
     pub colors: &'d [Features],
     /// Differences from the frame before, row by row.
     pub before: &'d [Halved],
+    /// Changes of illumination, by block.
+    pub illumination: &'d Planes,
     /// Alpha of the frame, if it is exact.
     pub alpha: Option<&'d [f32]>,
     /// Added to the squares of colors before errors are taken as shares of them.
@@ -147,7 +150,7 @@ fn sums_of_channels(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
 /// Writes the sums of the pixels of a row of blocks. Returns those of the row.
 #[inline(always)]
 fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) -> estimate::Row {
-    let Denoised { frame, grid, motions, colors, before, floor, .. } = *denoised;
+    let Denoised { frame, grid, motions, colors, before, illumination, floor, .. } = *denoised;
     let motions = motions.get(top / BLOCK * grid.columns..).unwrap_or_default();
     let [width, height] = frame.size;
     let (groups, line) = (vectors(width), line_of(width));
@@ -157,6 +160,10 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
         let gain = |of: usize| motions.get(at * (LANES / BLOCK) + of).map_or(1.0, |motion| noise_gain(*motion));
         let gains: [f32; LANES / BLOCK] = each(gain);
         let gains = Lanes(each(|lane| gains[lane / BLOCK]));
+        let changes = [illumination::BEFORE, illumination::AFTER].map(|side| {
+            let changes = &illumination.row(top / BLOCK, side)[at * (LANES / BLOCK)..];
+            Lanes(each(|lane| changes[lane / BLOCK]))
+        });
         let mut all = [[Lanes::ZERO; LANES]; 2];
         let [mut powers, mut apart] = [Lanes::ZERO; 2];
         let mut differences = [[Lanes::ZERO; 3]; 2];
@@ -169,6 +176,9 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
                 Some(ahead) => difference::whole(&ahead.differences[(top + row) * groups + at]),
                 None => Difference::default(),
             };
+            // Light that changes is no noise.
+            let [before, after] = [(before, changes[0]), (after, changes[1])]
+                .map(|(side, change)| difference::without(&side, change * side[CHANNELS], found));
             let residual: [Lanes; 3] = each(|c| (color[c] - found[c]) * seen);
             let power = dot(found, found);
             let weight = seen / (power + Lanes([floor; LANES]));

@@ -47,7 +47,7 @@ impl Residuals {
     /// Writes the denoised colors with the signal that their residuals hold, and the estimate of what is left.
     pub fn give_back(&mut self, denoised: &Denoised<'_>, to: &mut frame::Denoised) {
         let Denoised { frame, grid, motions, mapped, .. } = *denoised;
-        if self.sums.row_len() != SUMS * grid.stride() || self.next.len() != grid.rows * grid.columns {
+        if !self.sums.is_over(grid) {
             self.next = vec![[0.0; SUMS]; grid.rows * grid.columns];
             self.sums = Planes::new(grid, SUMS);
             self.shares = Planes::new(grid, SOLVED);
@@ -202,6 +202,7 @@ mod tests {
     use crate::denoise::Frame;
     use crate::denoise::ahead::Ahead;
     use crate::denoise::difference::{Halved, halved};
+    use crate::denoise::illumination;
     use crate::denoise::vectors::Features;
 
     const SIZE: [usize; 2] = [67, 50];
@@ -249,6 +250,7 @@ mod tests {
                 own: &Planes::new(grid, 1),
                 colors: &colors,
                 before: &before,
+                illumination: &Planes::new(grid, illumination::CHANGES),
                 alpha: None,
                 floor: 0.01,
                 kept: 0.88,
