@@ -62,14 +62,9 @@ impl Planes {
         Self { grid, planes, data: vec![0.0; grid.rows * planes * grid.stride()] }
     }
 
-    /// True if the planes are over this grid.
-    pub fn is_over(&self, grid: Grid) -> bool {
-        self.grid == grid
-    }
-
-    /// Blocks across.
-    pub fn columns(&self) -> usize {
-        self.grid.columns
+    /// Blocks that the planes are over.
+    pub fn grid(&self) -> Grid {
+        self.grid
     }
 
     /// Numbers in a row of blocks, all planes together.

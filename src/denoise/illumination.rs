@@ -64,7 +64,7 @@ impl Illumination {
     pub fn follow(&mut self, compared: Compared<'_>, colors: &mut [Features]) {
         let Compared { frame, grid, .. } = compared;
         let groups = vectors(frame.size[0]);
-        if !self.sums.is_over(grid) {
+        if self.sums.grid() != grid {
             (self.sums, self.changes) = (Planes::new(grid, SUMS), Planes::new(grid, CHANGES));
         }
         let Self { sums, changes } = self;

@@ -28,6 +28,7 @@ mod lanes;
 mod layout;
 mod learning;
 mod lookahead;
+mod minimum;
 pub mod model;
 mod noise;
 mod outline;

@@ -12,6 +12,7 @@ use super::estimate::{self, Estimate};
 use super::frame;
 use super::history::loaded;
 use super::lanes::{LANES, Lanes, each};
+use super::minimum::Minimum;
 use super::noise::{ADDED, Denoised, Learn, NOISE_POWER, PIXELS, RESIDUAL_POWER, SINCE, SUMS, Sums, dot};
 use super::signal::{Calibrate, Calibration, POOL, SOLVED, Solve};
 use super::vectors::vectors;
@@ -34,6 +35,7 @@ pub struct Residuals {
     next: Vec<Sums>,
     sums: Planes,
     calibration: Calibration,
+    minimum: Minimum,
     shares: Planes,
     /// Sums over rows of blocks.
     rows: Vec<estimate::Row>,
@@ -47,14 +49,15 @@ impl Residuals {
     /// Writes the denoised colors with the signal that their residuals hold, and the estimate of what is left.
     pub fn give_back(&mut self, denoised: &Denoised<'_>, to: &mut frame::Denoised) {
         let Denoised { frame, grid, motions, mapped, .. } = *denoised;
-        if !self.sums.is_over(grid) {
+        if self.sums.grid() != grid {
             self.next = vec![[0.0; SUMS]; grid.rows * grid.columns];
             self.sums = Planes::new(grid, SUMS);
+            self.minimum = Minimum::new(grid);
             self.shares = Planes::new(grid, SOLVED);
             self.rows = vec![estimate::Row::default(); grid.rows];
             self.maps = Planes::new(if mapped { grid } else { Grid::default() }, estimate::MAPPED);
         }
-        let Self { blocks, next, sums, calibration, shares, rows: of_rows, since, maps } = self;
+        let Self { blocks, next, sums, calibration, minimum, shares, rows: of_rows, since, maps } = self;
         let before = &blocks[..];
         let planes = sums.data.par_chunks_mut(SUMS * grid.stride());
         let rows = next.par_chunks_mut(grid.columns).zip(planes).zip(of_rows.par_iter_mut()).enumerate();
@@ -69,9 +72,10 @@ impl Residuals {
         let found = found.into_iter().fold(Calibration::default(), |all, row| all.plus_share(1.0, row));
         *calibration = calibration.plus_share(f64::from(denoised.kept), found);
         let calibration = *calibration;
-        let rows = shares.data.par_chunks_mut(SOLVED * grid.stride()).enumerate();
-        rows.with_min_len(8).for_each_init(Pool::default, |pool, (row, to)| {
-            Arch::default().dispatch(Solve { sums, motions, row, pool, calibration, to });
+        let (before, now) = minimum.advance();
+        let rows = shares.data.par_chunks_mut(SOLVED * grid.stride()).zip(now.data.par_chunks_mut(grid.stride()));
+        rows.enumerate().with_min_len(8).for_each_init(Pool::default, |pool, (row, (to, minima))| {
+            Arch::default().dispatch(Solve { sums, motions, row, pool, calibration, before, minima, to });
         });
         if denoised.alone {
             shares.data.chunks_mut(grid.stride()).step_by(SOLVED).for_each(|shares| shares.fill(0.0));

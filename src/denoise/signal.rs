@@ -6,6 +6,7 @@
 
 use super::blocks::{Planes, Pool};
 use super::lanes::{LANES, Lanes, each};
+use super::minimum;
 use super::noise::{
     ADDED, CHANCE, DIRECT, EXCESS, EXCESS_CHANCE, LIGHT, LIGHT_NEAREST, LIGHT_NOISE, NOISE, NOISE_POWER, PIXELS,
     RESIDUAL, RESIDUAL_POWER, SINCE,
@@ -28,8 +29,13 @@ const AROUND: f32 = 1.25;
 /// Noise as a multiple of what nearest pixels show at most. No filter of pixels makes neighbours as alike as texture is
 /// that moves without a motion, and looks like noise from frame to frame.
 const FARTHEST: f32 = 8.0;
-/// Noise that the frames before show, as a multiple.
+/// Noise that the frames before show, on average and at least, as a multiple.
 const EARLIER: f32 = 1.25;
+/// Noise that nearest pixels show, as a multiple of that by the frames before and after, between which texture comes to
+/// explain it, so that it tells no more.
+const VAGUE: [f32; 2] = [1.25, 2.0];
+/// Standard deviations of the noise's square by chance that are added to what a frame shows of its minimum.
+const SHOWN: f32 = 2.0;
 /// Noise that nearest pixels show, as a multiple at least.
 const NEAREST: f32 = 1.1;
 /// Standard deviations of the excess by chance from which on it shows another signal: where that is rare in a picture,
@@ -78,6 +84,10 @@ struct Pooled {
     earlier: Lanes,
     /// Mean square of the noise of all frames; [`UNKNOWN`] where it is.
     power: Lanes,
+    /// Count of the pixels of the frame that are known on both sides of time.
+    pixels: Lanes,
+    /// Least sum of noise of the frames before; infinite where unknown.
+    minimum: Lanes,
 }
 
 impl Pooled {
@@ -101,7 +111,7 @@ impl Pooled {
             let known = before.max(Lanes::ZERO) * own_pixels;
             let earlier = (noise_power - own).max(Lanes::ZERO) * own_pixels / (before * residual_power).max(least);
             let earlier = known.select(earlier, Lanes([f32::INFINITY; LANES]));
-            let at = row * sums.columns() + vector * LANES;
+            let at = row * sums.grid().columns + vector * LANES;
             let averaged = |lane: usize| motions.get(at + lane).map_or(0.0, |motion| 1.0 - noise_gain(*motion));
             let pooled = Self {
                 averaged: Lanes(each(averaged)),
@@ -120,6 +130,8 @@ impl Pooled {
                 excess_chances,
                 earlier,
                 power: pixels.select(noise_power.max(Lanes::ZERO) / pixels.max(least), Lanes([UNKNOWN; LANES])),
+                pixels: own_pixels,
+                minimum: Lanes([f32::INFINITY; LANES]),
             };
             with(vector, &pooled);
         }
@@ -150,6 +162,16 @@ impl Pooled {
         other(now, self.noise).max(other(all, self.noises))
     }
 
+    /// Returns the mean square of the noise by pixel that the frame shows, with what chance may hide; infinite where it is
+    /// not known on both sides of time. What frames around have lost together is none.
+    #[inline(always)]
+    fn shown(&self) -> Lanes {
+        let one = Lanes([1.0; LANES]);
+        let of_both = self.excess.min(Lanes::ZERO) / (one - self.averaged);
+        let shown = (self.noise + of_both + self.chance.sqrt() * SHOWN).max(Lanes::ZERO) / self.pixels.max(one);
+        self.pixels.select(shown, Lanes([f32::INFINITY; LANES]))
+    }
+
     /// Returns the share of the residuals that is signal. Nearest pixels show the noise by a factor, and count where
     /// the excess is beyond so many deviations, and by a share everywhere.
     #[inline(always)]
@@ -166,6 +188,12 @@ impl Pooled {
         let now = square + (product - square) * part;
         let nearest = self.light_nearest / self.light.max(least);
         let near = nearest * factor;
+        // Where texture hides the noise from nearest pixels, frames before tell it that lost none of the texture.
+        let [from, to] = VAGUE;
+        let vague = (near / now.max(least) - Lanes([from; LANES])) / Lanes([to - from; LANES]);
+        let vague = vague.max(Lanes::ZERO).min(one);
+        let near = near + (near.min(self.minimum * EARLIER / residual) - near) * vague;
+        let most = vague.select(near, nearest * FARTHEST).min(nearest * FARTHEST);
         let other = self.other(deviations).max(Lanes([everywhere; LANES]));
         let now = now + (now.min(near) - now) * other;
         // A frame that differs from both around, which are alike, has more noise or shows something else. More noise
@@ -180,7 +208,7 @@ impl Pooled {
         let since = since(self.noises).min(alike);
         let around = self.light_noise * AROUND / self.light.max(least);
         // Numbers that are none lose every comparison.
-        let signal = (one - now.min(since).min(around).min(nearest * FARTHEST)).max(Lanes::ZERO).min(one);
+        let signal = (one - now.min(since).min(around).min(most)).max(Lanes::ZERO).min(one);
         // Small shares are more often chance than signal.
         signal * signal * (Lanes([3.0; LANES]) - signal * 2.0)
     }
@@ -294,6 +322,10 @@ pub struct Solve<'a> {
     pub row: usize,
     pub pool: &'a mut Pool,
     pub calibration: Calibration,
+    /// Least noise of the frames before.
+    pub before: &'a Planes,
+    /// Where that with this frame goes.
+    pub minima: &'a mut [f32],
     /// Where they go, plane after plane.
     pub to: &'a mut [f32],
 }
@@ -303,11 +335,14 @@ impl pulp::NullaryFnOnce for Solve<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { sums, motions, row, pool, calibration, to } = self;
+        let Self { sums, motions, row, pool, calibration, before, minima, to } = self;
         let (shares, powers) = to.split_at_mut(to.len() / SOLVED);
         let (factor, deviations, everywhere) =
             (calibration.factor(), calibration.deviations(), calibration.everywhere_other());
         Pooled::of_row(sums, motions, row, pool, |vector, sums| {
+            let moved = minimum::moved(before, motions, row, vector);
+            minimum::next(moved, sums.shown()).store(minima, vector * LANES);
+            let sums = Pooled { minimum: moved * minimum::pixels(before.grid(), row, vector), ..*sums };
             sums.signal(factor, deviations, everywhere).store(shares, vector * LANES);
             sums.power.store(powers, vector * LANES);
         });
@@ -338,6 +373,7 @@ mod tests {
             chances: all(1e-6),
             excess_chances: all(1e-6),
             earlier: all(f32::INFINITY),
+            minimum: all(f32::INFINITY),
             power: all(noise),
             ..Pooled::default()
         }
@@ -368,6 +404,11 @@ mod tests {
         assert!(signal(Pooled { light_nearest: all(15.0), ..odd }) < 0.01);
         // Where the frames hardly ever show the same signal, it is chance that they seem to.
         assert!(fooled.signal(1.0, 1.0, 1.0).0[0] > 0.85);
+        // Frames before that showed less noise tell of texture, which hides it from nearest pixels.
+        let hidden = Pooled { light_nearest: all(90.0), ..fooled };
+        assert_eq!(signal(hidden), 0.0);
+        assert!(signal(Pooled { minimum: all(0.5), ..hidden }) > 0.85);
+        assert_eq!(signal(Pooled { minimum: all(0.5), ..pooled(1.0, 0.1) }), signal(pooled(1.0, 0.1)));
         // Noise that neighbours share, as far as filters of pixels make them, and more than that.
         let shared = |nearest: f32| signal(Pooled { light_nearest: all(nearest), ..pooled(1.0, 0.01) });
         assert!(shared(0.6) < 0.01 && shared(0.0) == 1.0, "{} {}", shared(0.6), shared(0.0));
