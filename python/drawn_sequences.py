@@ -1,12 +1,13 @@
 """Sequences that are drawn, so that their truth is known: what `cumulo denoise` leaves of their noise, and what it tells of it.
 
-    drawn_sequences.py FOLDER [--only NAME ...] [--noises NOISE ...] [--json OUT.json] [--keep]
+    drawn_sequences.py FOLDER [--only NAME ...] [--noises NOISE ...] [--json OUT.json] [--figure OUT.png] [--keep]
 
 Thirty-four sequences of 24 frames of 128x128 pixels, at rest and moving, with motion and without, sharp and smooth, each
 with Gaussian noise of deviations 0, 0.0001, 0.01 and 0.1 and with that of 64 and 2 paths of heavy tails. A row has decibels (of a
 peak of 1) that go in and come out over all frames, the frame that gains least, the mean of all frames where the sequence is
 at rest, and the noise and error that the program tells, in decibels, too, or a dash. Pictures are kept in FOLDER with `--keep`.
-Needs numpy and OpenEXR (`peers/requirements-denoisers.txt`). CUMULO is the program, `cumulo` by default.
+`--figure` draws some of them: noisy, denoised as published (`--method wrls`) and by default, and true.
+Needs numpy, OpenEXR and Pillow (`peers/requirements-denoisers.txt`). CUMULO is the program, `cumulo` by default.
 """
 
 import argparse
@@ -18,6 +19,7 @@ import subprocess
 
 import numpy as np
 import OpenEXR
+from PIL import Image, ImageDraw
 
 SIDE = 128
 FRAMES = 24
@@ -186,25 +188,58 @@ def decibels(square):
     return -10 * np.log10(max(square, 1e-20))
 
 
-def run(folder, name, noise, keep):
-    """The row of a sequence."""
+def draw(folder, name, noise):
+    """The true and the noisy pictures of a sequence, `[frame, row, column, channel]`; the latter go to FOLDER/in."""
     of, motion, alpha = sequences()[name]
     random = np.random.default_rng(7)
     truth = np.stack([of(t)[..., None] * SHADE for t in range(FRAMES)]).astype(np.float32)
     given = np.stack([noisy(frame, NOISES[noise], random) for frame in truth])
-    folder = folder / f"{name}, {noise}".replace(" ", "_").replace(",", "").replace("%", "pc")
-    for kind in ("in", "out"):
-        (folder / kind).mkdir(parents=True, exist_ok=True)
+    (folder / "in").mkdir(parents=True, exist_ok=True)
     for t in range(FRAMES):
         mask = np.ones((SIDE, SIDE)) if isinstance(alpha, str) else alpha(t) if callable(alpha) else alpha
         write(folder / f"in/frame.{t:04}.exr", given[t], mask, motion)
+    return truth, given
+
+
+def denoise(folder, *words):
+    """The pictures of FOLDER/in denoised, and the program's report."""
     command = [os.environ.get("CUMULO", "cumulo"), "denoise", folder / "in/frame.####.exr", "-o", folder / "out/frame.####.exr"]
-    done = subprocess.run([*map(str, command), "--json", "--overwrite"], check=True, capture_output=True, text=True)
-    report = json.loads(done.stdout)
+    done = subprocess.run([*map(str, command), "--json", "--overwrite", *words], check=True, capture_output=True, text=True)
     found = []
     for t in range(FRAMES):
         with OpenEXR.File(str(folder / f"out/frame.{t:04}.exr"), separate_channels=True) as file:
             found.append(np.stack([file.channels()[c].pixels for c in "RGB"], -1))
+    return np.stack(found), json.loads(done.stdout)
+
+
+def figure(folder, path):
+    """A sheet of crops of the middle frames of some sequences."""
+    crop, zoom, margin, gap = 64, 3, 16, 4
+    shown = [("light flickers", "10%"), ("rest text", "10%"), ("moving text", "1%")]
+    step = crop * zoom
+    sheet = Image.new("RGB", (4 * (step + gap) - gap, len(shown) * (step + margin) + margin), "black")
+    pen = ImageDraw.Draw(sheet)
+    for row, (name, noise) in enumerate(shown):
+        truth, given = draw(folder / "figure", name, noise)
+        pictures = [given, denoise(folder / "figure", "--method", "wrls")[0], denoise(folder / "figure")[0], truth]
+        shutil.rmtree(folder / "figure")
+        top = margin + row * (step + margin)
+        for column, (title, picture) in enumerate(zip(("noisy", "wrls, as published", "wrls2", "true"), pictures, strict=True)):
+            part = np.clip(picture[FRAMES // 2, 32 : 32 + crop, 32 : 32 + crop], 0, 1) ** (1 / 2.2)
+            tile = Image.fromarray(np.uint8(255 * part + 0.5)).resize((step, step), Image.Resampling.NEAREST)
+            left = column * (step + gap)
+            sheet.paste(tile, (left, top + margin))
+            error = decibels(((np.float64(picture) - truth) ** 2).mean())
+            words = f"{name}, noise {noise}" if title == "noisy" else title if title == "true" else f"{title}: {error:.1f} dB"
+            pen.text((left + 4, top + 2), words, fill="white")
+    sheet.crop((0, margin, sheet.width, sheet.height)).save(path, optimize=True)
+
+
+def run(folder, name, noise, keep):
+    """The row of a sequence."""
+    folder = folder / f"{name}, {noise}".replace(" ", "_").replace(",", "").replace("%", "pc")
+    truth, given = draw(folder, name, noise)
+    found, report = denoise(folder)
     if not keep:
         shutil.rmtree(folder)
     square = lambda pictures: ((np.float64(pictures) - truth) ** 2).mean((1, 2, 3))  # noqa: E731
@@ -226,8 +261,11 @@ def main():
     parser.add_argument("--only", nargs="+", choices=sequences(), default=list(sequences()), metavar="NAME")
     parser.add_argument("--noises", nargs="+", choices=NOISES, default=list(NOISES), metavar="NOISE")
     parser.add_argument("--json", type=pathlib.Path, metavar="OUT.json")
+    parser.add_argument("--figure", type=pathlib.Path, metavar="OUT.png")
     parser.add_argument("--keep", action="store_true")
     options = parser.parse_args()
+    if options.figure:
+        return figure(options.folder, options.figure)
     print("| sequence | noise | in | out | least gain (frame) | mean of frames | inner frames: in, told | out, told | cuts |")
     print("|---|---|---|---|---|---|---|---|---|")
     rows = []

@@ -12,8 +12,8 @@
 //! and from frame to frame. The square of a difference is then the noise's, and that of the other frame's, less what
 //! resampling averages away. More of it shows that something moves which the motion does not tell, and less that
 //! resampling loses texture, which counts as noise. Sums of differences over blocks have as much power as their pixels
-//! together, and more where light flickers, something moves, or a filter has spread the noise. Nothing is estimated in
-//! all these cases ([`Estimate::fits`]).
+//! together, and more where something moves, or a filter has spread the noise. Nothing is estimated in all these cases
+//! ([`Estimate::fits`]). Changes of light have been taken out of the differences.
 
 use super::lanes::{LANES, Lanes, each};
 use super::reprojection;

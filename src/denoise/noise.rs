@@ -6,8 +6,9 @@
 //! since one of them lies on the same side; it holds for noise that is independent from pixel to pixel and takes many
 //! values, and is calibrated by the first ([`Calibration`](super::signal::Calibration)).
 //!
-//! Where the frames do not show the same signal, because motion is wrong or missing, light changes, or resampling loses
-//! texture, the squares of the differences are not what noise explains of them. That excess is summed, too.
+//! What the light changes is taken out of the differences ([`illumination`]). Where the frames do not show the same signal
+//! for other reasons, because motion is wrong or missing or resampling loses texture, the squares of the differences are
+//! not what noise explains of them. That excess is summed, too.
 
 use super::blocks::{BLOCK, Grid, Planes};
 use super::carried::{carry, to_planes};

@@ -116,6 +116,8 @@ fn noisy(alpha: &[f32], color: &[Vec3], width: usize) -> [bool; 2] {
     let shown = |at: usize| light(at) / (light(at) + mean);
     let of_row = |y: usize| {
         let mut sums = Sums::default();
+        let top = (y - 1) * width;
+        let lines: Vec<f32> = (top..top + 3 * width).map(shown).collect();
         for at in y * width + 1..(y + 1) * width - 1 {
             let (own, [apart, least]) = (alpha[at], noise(|at| alpha[at], at, width));
             if !(own + apart).is_finite() {
@@ -129,7 +131,7 @@ fn noisy(alpha: &[f32], color: &[Vec3], width: usize) -> [bool; 2] {
             add(&mut sums.partial, sampled.map(|term| inside * term));
             add(&mut sums.whole, sampled);
             add(&mut sums.alpha, [apart, own * own]);
-            add(&mut sums.color, [noise(shown, at, width)[0], shown(at).powi(2)]);
+            add(&mut sums.color, [noise(|at| lines[at], at - top, width)[0], lines[at - top].powi(2)]);
         }
         sums
     };
