@@ -398,6 +398,11 @@ mod tests {
             );
             let frame = Frame { size: [3, 2], color: &small, ..Frame::default() };
             assert!(denoiser.denoise(&Frame { motion: Some(&[Vec2::ZERO]), ..frame }).is_err());
+            // A larger one begins anew, too.
+            let wanted = truth(0.0);
+            let large = Frame { size: SIZE, color: &wanted, ..Frame::default() };
+            let out = denoiser.denoise(&large).unwrap();
+            assert!(error(&out.color, &wanted) < 0.05, "{method:?}");
             // Histories of another frame do not fit.
             assert!(denoiser.denoise(&Frame { ahead: Some(&Ahead::default()), ..frame }).is_err());
         }

@@ -115,6 +115,7 @@ impl GuidedDenoiser {
         frame.check()?;
         let grid = Grid::over(frame.size);
         if self.state.size != frame.size {
+            self.rehearsed &= self.residuals.are_over(grid);
             let blocks = grid.rows * grid.columns;
             let past = Past::before_first(frame);
             let coding = past.coding;

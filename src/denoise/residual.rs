@@ -46,16 +46,24 @@ pub struct Residuals {
 }
 
 impl Residuals {
+    /// True if they are of frames over this grid.
+    pub fn are_over(&self, grid: Grid) -> bool {
+        self.sums.grid() == grid
+    }
+
     /// Writes the denoised colors with the signal that their residuals hold, and the estimate of what is left.
     pub fn give_back(&mut self, denoised: &Denoised<'_>, to: &mut frame::Denoised) {
         let Denoised { frame, grid, motions, mapped, .. } = *denoised;
-        if self.sums.grid() != grid {
-            self.next = vec![[0.0; SUMS]; grid.rows * grid.columns];
-            self.sums = Planes::new(grid, SUMS);
-            self.minimum = Minimum::new(grid);
-            self.shares = Planes::new(grid, SOLVED);
-            self.rows = vec![estimate::Row::default(); grid.rows];
-            self.maps = Planes::new(if mapped { grid } else { Grid::default() }, estimate::MAPPED);
+        if !self.are_over(grid) {
+            *self = Self {
+                next: vec![[0.0; SUMS]; grid.rows * grid.columns],
+                sums: Planes::new(grid, SUMS),
+                minimum: Minimum::new(grid),
+                shares: Planes::new(grid, SOLVED),
+                rows: vec![estimate::Row::default(); grid.rows],
+                maps: Planes::new(if mapped { grid } else { Grid::default() }, estimate::MAPPED),
+                ..Self::default()
+            };
         }
         let Self { blocks, next, sums, calibration, minimum, shares, rows: of_rows, since, maps } = self;
         let before = &blocks[..];
