@@ -1,7 +1,7 @@
 //! Least noise that a neighbourhood has shown over time.
 //!
-//! Texture that resampling loses counts as noise in frames where it lies between pixels, and not in those where it lies
-//! on them. Noise of a sequence changes slowly, so that the least of some frames is near to it ("minimum statistics",
+//! Texture that resampling loses counts as noise in frames where its edges lie between pixels, and not in those where
+//! they lie on them. Noise of a sequence changes slowly, so that the least of some frames is near to it ("minimum statistics",
 //! Martin 2001).
 
 use super::blocks::{BLOCK, Grid, Planes};
