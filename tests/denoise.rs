@@ -246,8 +246,8 @@ fn texture_at_rest_stays_and_noise_does_not() {
 }
 
 /// Whatever a sequence does, no frame of it comes out farther from the truth than it went in: a light that is halved at once, a
-/// shot that is mirrored, and one that is another; lights that alternate, change at random and pass in bands; a spot and checkers that move without a motion;
-/// shades, waves, and sharp checkers that move with theirs.
+/// shot that is mirrored, and one that is another; lights that alternate, change at random and pass in bands; a spot and
+/// checkers that move without a motion; shades, waves, sharp checkers and text that move with theirs.
 #[test]
 fn no_frame_is_harmed() {
     let halved: Picture = |t, x, y| shade(t, x, y) * if t < 12.0 { 1.0 } else { 0.5 };
@@ -269,6 +269,16 @@ fn no_frame_is_harmed() {
         let of = |(a, b): (f32, f32)| checkers(t, x + 96.0 + a - 0.37 * t, y + 96.0 + b - 0.21 * t);
         (0..16).map(|i| of(at(i))).sum::<f32>() / 16.0
     };
+    // Means over the pixels of letters of pixels two wide.
+    let prose: Picture = |t, x, y| {
+        let at = |i: i32| ((i % 4) as f32 / 4.0 - 0.375, (i / 4) as f32 / 4.0 - 0.375);
+        let letter = |x: f32, y: f32| {
+            let [i, j] = [x as u32 / 2, y as u32 / 2];
+            if j % 6 < 4 && (i * i * 3 + j * 5 + i * j) % 7 < 3 { 0.05 } else { 0.9 }
+        };
+        let of = |(a, b): (f32, f32)| letter(x + 96.0 + a - 0.37 * t, y + 96.0 + b - 0.21 * t);
+        (0..16).map(|i| of(at(i))).sum::<f32>() / 16.0
+    };
     // Its edges lie on those of pixels, so that single frames differ from all around.
     let hard: Picture = |t, x, y| checkers(t, x + 96.0 - 0.37 * t, y + 96.0 - 0.21 * t);
     let whole: Picture = |t, x, y| checkers(t, x + 96.0 - t, y + 96.0 - t);
@@ -278,9 +288,9 @@ fn no_frame_is_harmed() {
         if j % 6 < 4 && (i * i * 3 + j * 5 + i * j) % 7 < 3 { 0.05 } else { 0.9 }
     };
     let slow = Vec2::new(0.37, 0.21);
-    // Of frames with more decibels than these no more is asked: resampling misses a little of fast waves. The last number is
-    // the least gain at the most noise: errors as large as the noise pass by chance beside a cut that was not found, and
-    // where resampling misses much.
+    // Of frames with more decibels than these no more is asked: resampling misses a little of fast waves and of text. The
+    // last number is the least gain at the most noise: errors as large as the noise pass by chance where resampling misses
+    // much.
     for (name, picture, motion, most, least) in [
         ("at rest", checkers as Picture, Vec2::ZERO, 80.0, -0.1),
         ("light halved", halved, Vec2::ZERO, 80.0, -0.1),
@@ -298,6 +308,7 @@ fn no_frame_is_harmed() {
         ("shades", shades, slow, 80.0, -0.1),
         ("waves", waves, slow, 54.5, -0.1),
         ("sharp checkers", sharp, slow, 55.0, -0.1),
+        ("text", prose, slow, 39.6, -0.1),
     ] {
         for deviation in [0.0, 0.01, 0.1] {
             let Drawn { truth, frames, found, .. } = drawn(picture, deviation, motion, false);
@@ -310,8 +321,8 @@ fn no_frame_is_harmed() {
     }
 }
 
-/// Noise and error are told without a reference wherever the frames around show the same signal, in whatever light, and nothing is told where
-/// they do not: of noise-free frames, a spot that moves without a motion, and texture that resampling loses.
+/// Noise and error are told without a reference wherever the frames around show the same signal, in whatever light, and
+/// nothing is told where they do not: of noise-free frames, a spot that moves without a motion, and texture that resampling loses.
 #[test]
 fn errors_are_told_or_said_to_be_unknown() {
     let spot: Picture = |t, x, y| (-((x - 15.0 - 2.5 * t).powi(2) + (y - 45.0).powi(2)) / 150.0).exp();

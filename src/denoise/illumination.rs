@@ -10,8 +10,7 @@ use super::carried::to_planes;
 use super::difference::{self, CHANNELS, Difference, Halved};
 use super::frame::Frame;
 use super::history::loaded;
-use super::lanes::{LANES, Lanes, each};
-use super::noise::dot;
+use super::lanes::{LANES, Lanes, dot, each};
 use super::vectors::{Features, vectors};
 use crate::arch::Arch;
 use rayon::prelude::*;
@@ -172,8 +171,9 @@ impl pulp::NullaryFnOnce for Solve<'_> {
     }
 }
 
-/// Returns the changes of eight neighbourhoods from their sums; 0 where chance explains them, and where bright and dark
-/// pixels do not change alike, as where something else than light does: the lesser of the changes that both tell counts.
+/// Returns the changes of eight neighbourhoods from their sums; 0 where chance explains them. The lesser of the weighted
+/// and the unweighted change counts, and none where they differ in sign: what makes bright and dark pixels differ is
+/// something else than light.
 #[inline(always)]
 fn change([product, square, even_product, even_square, chance]: [Lanes; TERMS]) -> Lanes {
     let least = Lanes([LEAST; LANES]);

@@ -121,3 +121,9 @@ pub fn each<T: Copy + Default, const N: usize>(mut of: impl FnMut(usize) -> T) -
     }
     to
 }
+
+/// Returns the sum over channels of the products of two colors.
+#[inline(always)]
+pub fn dot(a: &[Lanes], b: &[Lanes]) -> Lanes {
+    (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+}

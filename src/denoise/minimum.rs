@@ -1,12 +1,11 @@
 //! Least noise that a neighbourhood has shown over time.
 //!
 //! Texture that resampling loses counts as noise in frames where its edges lie between pixels, and not in those where
-//! they lie on them. Noise of a sequence changes slowly, so that the least of some frames is near to it ("minimum statistics",
-//! Martin 2001).
+//! they lie on them. Noise of a sequence changes slowly, so that the least of some frames is near to it ("minimum
+//! statistics", Martin 2001).
 
 use super::blocks::{BLOCK, Grid, Planes};
 use super::lanes::{LANES, Lanes, each};
-use super::signal::POOL;
 use glam::Vec2;
 
 /// Factor by which the minimum grows from frame to frame, so that it is one of the latest dozen of frames.
@@ -56,10 +55,10 @@ pub fn next(before: Lanes, shown: Lanes) -> Lanes {
     (before * GROWTH).min(shown)
 }
 
-/// Returns the numbers of pixels of eight neighbourhoods.
+/// Returns the numbers of pixels of eight neighbourhoods of so many blocks to each side.
 #[inline(always)]
-pub fn pixels(grid: Grid, row: usize, vector: usize) -> Lanes {
-    let blocks = |at: usize, count: usize| (at + POOL + 1).min(count).saturating_sub(at.saturating_sub(POOL));
+pub fn pixels(grid: Grid, radius: usize, row: usize, vector: usize) -> Lanes {
+    let blocks = |at: usize, count: usize| (at + radius + 1).min(count).saturating_sub(at.saturating_sub(radius));
     let columns: [f32; LANES] = each(|lane| blocks(vector * LANES + lane, grid.columns) as f32);
     Lanes(columns) * (blocks(row, grid.rows) * BLOCK * BLOCK) as f32
 }
@@ -84,7 +83,7 @@ mod tests {
         assert_eq!([at(1, 2), at(0, 2), at(1, 6)], [6.0, f32::INFINITY, f32::INFINITY]);
         let rise = |frames: usize| (0..frames).fold(Lanes([1.0; LANES]), |now, _| next(now, Lanes([2.0; LANES]))).0[0];
         assert!(rise(5) < 1.7 && rise(9) == 2.0);
-        assert_eq!(pixels(grid, 0, 0).0[..3], [144.0, 192.0, 240.0]);
-        assert_eq!(pixels(grid, 3, 1).0[..2], [320.0, 240.0]);
+        assert_eq!(pixels(grid, 2, 0, 0).0[..3], [144.0, 192.0, 240.0]);
+        assert_eq!(pixels(grid, 2, 3, 1).0[..2], [320.0, 240.0]);
     }
 }

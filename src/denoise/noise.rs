@@ -6,9 +6,9 @@
 //! since one of them lies on the same side; it holds for noise that is independent from pixel to pixel and takes many
 //! values, and is calibrated by the first ([`Calibration`](super::signal::Calibration)).
 //!
-//! What the light changes is taken out of the differences ([`illumination`]). Where the frames do not show the same signal
-//! for other reasons, because motion is wrong or missing or resampling loses texture, the squares of the differences are
-//! not what noise explains of them. That excess is summed, too.
+//! What the light changes is taken out of the differences ([`illumination`]). Where the frames do not show the same
+//! signal for other reasons, because motion is wrong or missing or resampling loses texture, the squares of the
+//! differences are not what noise explains of them. That excess is summed, too.
 
 use super::blocks::{BLOCK, Grid, Planes};
 use super::carried::{carry, to_planes};
@@ -17,7 +17,7 @@ use super::estimate;
 use super::frame::Frame;
 use super::history::loaded;
 use super::illumination;
-use super::lanes::{LANES, Lanes, each};
+use super::lanes::{LANES, Lanes, dot, each};
 use super::layout::{MARGIN, line_of};
 use super::reprojection::noise_gain;
 use super::vectors::{Features, vectors};
@@ -261,12 +261,6 @@ fn terms(
             both,
         ],
     ]
-}
-
-/// Returns the sum over channels of the products of two colors.
-#[inline(always)]
-pub fn dot(a: &[Lanes], b: &[Lanes]) -> Lanes {
-    (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 }
 
 /// Returns the square of the noise of eight pixels: by the product of the differences from both sides of time, where

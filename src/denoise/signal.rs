@@ -1,8 +1,9 @@
 //! Share of the residual that is signal.
 //!
 //! Several estimates of the [`noise`](super::noise) hold under different assumptions. Each alone can show that a
-//! residual is more than noise: the frame's own, that of all frames so far, and that of smooth surroundings. That of the nearest
-//! pixel takes the place of the frame's own where the frames around show another signal.
+//! residual is more than noise: the frame's own, that of all frames so far, and that of smooth surroundings. That of the
+//! nearest pixel takes the place of the frame's own where the frames around show another signal, and the
+//! [least of the frames before](super::minimum) that of the nearest pixel where texture hides the noise from it.
 
 use super::blocks::{Planes, Pool};
 use super::lanes::{LANES, Lanes, each};
@@ -34,8 +35,8 @@ const EARLIER: f32 = 1.25;
 /// Noise that nearest pixels show, as a multiple of that by the frames before and after, between which texture comes to
 /// explain it, so that it tells no more.
 const VAGUE: [f32; 2] = [1.25, 2.0];
-/// Standard deviations of the noise's square by chance that are added to what a frame shows of its minimum.
-const SHOWN: f32 = 2.0;
+/// Standard deviations of the noise's square by chance that are added to that of a frame before it counts as a minimum.
+const CERTAIN: f32 = 2.0;
 /// Noise that nearest pixels show, as a multiple at least.
 const NEAREST: f32 = 1.1;
 /// Standard deviations of the excess by chance from which on it shows another signal: where that is rare in a picture,
@@ -162,14 +163,14 @@ impl Pooled {
         other(now, self.noise).max(other(all, self.noises))
     }
 
-    /// Returns the mean square of the noise by pixel that the frame shows, with what chance may hide; infinite where it is
-    /// not known on both sides of time. What frames around have lost together is none.
+    /// Returns the mean square by pixel that the noise of the frame has at most, as far as chance goes; infinite where it
+    /// is not known on both sides of time. What frames around have lost together is none.
     #[inline(always)]
-    fn shown(&self) -> Lanes {
+    fn most_noise(&self) -> Lanes {
         let one = Lanes([1.0; LANES]);
         let of_both = self.excess.min(Lanes::ZERO) / (one - self.averaged);
-        let shown = (self.noise + of_both + self.chance.sqrt() * SHOWN).max(Lanes::ZERO) / self.pixels.max(one);
-        self.pixels.select(shown, Lanes([f32::INFINITY; LANES]))
+        let most = (self.noise + of_both + self.chance.sqrt() * CERTAIN).max(Lanes::ZERO) / self.pixels.max(one);
+        self.pixels.select(most, Lanes([f32::INFINITY; LANES]))
     }
 
     /// Returns the share of the residuals that is signal. Nearest pixels show the noise by a factor, and count where
@@ -341,8 +342,8 @@ impl pulp::NullaryFnOnce for Solve<'_> {
             (calibration.factor(), calibration.deviations(), calibration.everywhere_other());
         Pooled::of_row(sums, motions, row, pool, |vector, sums| {
             let moved = minimum::moved(before, motions, row, vector);
-            minimum::next(moved, sums.shown()).store(minima, vector * LANES);
-            let sums = Pooled { minimum: moved * minimum::pixels(before.grid(), row, vector), ..*sums };
+            minimum::next(moved, sums.most_noise()).store(minima, vector * LANES);
+            let sums = Pooled { minimum: moved * minimum::pixels(before.grid(), POOL, row, vector), ..*sums };
             sums.signal(factor, deviations, everywhere).store(shares, vector * LANES);
             sums.power.store(powers, vector * LANES);
         });
