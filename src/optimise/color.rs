@@ -125,9 +125,9 @@ pub fn reconstruct(
 }
 
 /// Returns the largest number of iterations of a run, over all levels of extinctions and colors.
-pub fn most_iterations(request: &Request) -> u64 {
+pub fn most_iterations(observation: &Observation, request: &Request) -> u64 {
     let coarse = lattice::coarser_levels(&request.lattice, &request.bounds, COARSEST) * COARSE_ITERATIONS;
-    density::most_iterations(request) + u64::from(coarse + ITERATIONS)
+    density::most_iterations(observation, request) + u64::from(coarse + ITERATIONS)
 }
 
 /// The problem of the colors on one level.
@@ -152,7 +152,7 @@ impl Level {
     ) -> Result<Self> {
         let extinctions = if level == 0 { extinctions.clone() } else { coarser(extinctions, level)? };
         let view = |(i, photo): (usize, &Photo)| {
-            (request.held_out.contains(&i), ColorView::new(photo, 1 << level, observation.empty))
+            (request.held_out.contains(&i), ColorView::new(photo, 1 << level, &observation.maps[i].shown))
         };
         let (held_out, train): (Vec<_>, Vec<_>) =
             photos.par_iter().enumerate().map(view).collect::<Vec<_>>().into_iter().partition(|(held, _)| *held);

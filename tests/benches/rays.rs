@@ -147,8 +147,12 @@ fn projections_per_second(scene: &Scene, pools: &[ThreadPool; 2]) -> Vec<Row> {
         camera: *camera,
         width: PIXELS as usize,
         height: PIXELS as usize,
+        transmittance: vec![(-1.0_f32).exp(); pixels],
         depth: vec![1.0; pixels],
         weight: vec![1.0; pixels],
+        shown: vec![true; pixels],
+        noise: 0.0,
+        exact: true,
         name: "view".into(),
     };
     let topology = &scene.field.topology;

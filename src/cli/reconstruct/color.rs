@@ -96,7 +96,7 @@ impl Color {
         let read = || shaded::read(&File::open(&self.output, limits)?, None, limits.max_memory);
         let init = previous.then(|| protected::unprotected(&self.output, read));
         let init = init.transpose()?;
-        let steps = color::most_iterations(&request);
+        let steps = color::most_iterations(&measurements.observation, &request);
         work.plan(&measurements, &request, Method::Color, steps)?;
 
         let Measurements { photos, observation, .. } = measurements;

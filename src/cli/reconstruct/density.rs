@@ -2,7 +2,7 @@
 
 use super::capture::LoadedCapture;
 use super::confidence::{self, Fit};
-use super::region::{Region, Unknowns};
+use super::region::Region;
 use super::volume::{Measurements, Solved, VolumeTask};
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
@@ -57,10 +57,11 @@ pub struct Density {
     /// Number of views to hold out: these are not fitted, but decide when to stop (default: one of 8 or more)
     #[arg(long, value_name = "K")]
     held_out: Option<usize>,
-    /// Iterations on the finest level, at most (default: 24; with a transfer function, or weiss2021: 50 epochs)
+    /// Iterations on the finest level, at most (default: 24, or 40 where the pictures have noise; with a transfer function, or weiss2021: 50 epochs)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: Option<u32>,
-    /// Blur passes of the smoothness prior (default: as many as suit the held-out views; without these 1, or 2 where the pictures are noisy)
+    /// Blur passes of the smoothness prior (default: as many as suit the held-out views, without these 1; where the
+    /// pictures have noise, differences of neighbours are penalised instead, as suits these views)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     smoothing: Option<u32>,
     /// Prior on neighbouring voxels of a descent (through a transfer function, or weiss2021): smooth=W, or tv=W for total
@@ -107,20 +108,21 @@ enum DensitySolver {
 
 impl DensitySolver {
     /// Returns the largest number of iterations on the finest level, or of epochs, without `--iterations`.
-    fn usual_iterations(self) -> u32 {
+    fn usual_iterations(self, noisy: bool) -> u32 {
         match self {
+            Self::Cg if noisy => 40,
             Self::Cg => 24,
             Self::Weiss2021 | Self::ThroughTransfer => 50,
         }
     }
 
     /// Returns the largest number of steps that a run reports, over all levels; `views` counts those of the capture.
-    fn most_iterations(self, request: &Request, views: usize) -> u64 {
-        let training = views - request.held_out.len();
+    fn most_iterations(self, measurements: &Measurements, request: &Request) -> u64 {
+        let training = measurements.photos.len() - request.held_out.len();
         match self {
-            Self::Cg => density::most_iterations(request),
+            Self::Cg => density::most_iterations(&measurements.observation, request),
             Self::Weiss2021 => weiss2021::most_iterations(request, training),
-            Self::ThroughTransfer => through_transfer::most_iterations(request, training),
+            Self::ThroughTransfer => through_transfer::most_iterations(&measurements.observation, request, training),
         }
     }
 
@@ -190,9 +192,15 @@ impl Density {
             );
         }
         let measurements = work.measure(&self.region, Emission::Stated, observe)?;
-        let request = self.request(&work, &measurements.unknowns, solver, held_out);
+        if let Some([least, most]) = measurements.observation.noise() {
+            let percent = |noise: f64| format!("{:.2} %", 100.0 * noise);
+            let (least, most) = (percent(least), percent(most));
+            output
+                .note(format!("noise of the transmittances: {least} in the clearest picture, {most} in the noisiest"));
+        }
+        let request = self.request(&work, &measurements, solver, held_out);
         let request = request.map_err(|e| e.at(&work.input.json))?;
-        let steps = solver.most_iterations(&request, views);
+        let steps = solver.most_iterations(&measurements, &request);
         work.plan(&measurements, &request, solver.method(), steps)?;
 
         let outcome = work.solve("density", steps, |watch| solver.reconstruct(&measurements, &request, watch));
@@ -254,11 +262,12 @@ impl Density {
     fn request(
         &self,
         work: &VolumeTask<'_>,
-        unknowns: &Unknowns,
+        measurements: &Measurements,
         solver: DensitySolver,
         held_out: Vec<usize>,
     ) -> Result<Request> {
         let (task, capture) = (&work.task, &work.input.capture);
+        let Measurements { observation, unknowns, .. } = measurements;
         let previous = (self.resume && self.output.exists()).then_some(&self.output);
         let init = self.init.as_ref().or(previous);
         let init = init.map(|path| protected::unprotected(path, || volume(path, task.limits))).transpose()?;
@@ -272,7 +281,7 @@ impl Density {
             prior: self.prior,
             robust: self.loss == Loss::Huber,
             held_out,
-            iterations: self.iterations.unwrap_or(solver.usual_iterations()),
+            iterations: self.iterations.unwrap_or(solver.usual_iterations(observation.noisy())),
             init,
             max_memory: task.limits.max_memory,
             cancel: task.stop(),

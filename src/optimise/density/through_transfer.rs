@@ -167,8 +167,8 @@ fn descend(
 const EXTINCTION_ITERATIONS: u32 = 24;
 
 /// Returns the largest number of steps of a run with `views` training pictures.
-pub fn most_iterations(request: &Request, views: usize) -> u64 {
-    let colors = if request.init.is_some() { 0 } else { color::most_iterations(request) };
+pub fn most_iterations(observation: &Observation, request: &Request, views: usize) -> u64 {
+    let colors = if request.init.is_some() { 0 } else { color::most_iterations(observation, request) };
     colors + u64::from(request.iterations) * views.div_ceil(BATCH) as u64
 }
 

@@ -62,9 +62,9 @@ struct Aim<'a> {
 }
 
 impl<'a> Aim<'a> {
-    fn new(map: &'a DepthMap, empty: f32) -> Option<Self> {
+    fn new(map: &'a DepthMap) -> Option<Self> {
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        for i in (0..map.depth.len()).filter(|i| map.weight[*i] > 0.0 && map.depth[*i] > empty) {
+        for i in (0..map.depth.len()).filter(|i| map.shows(*i)) {
             let pixel = DVec2::new((i % map.width) as f64, (i / map.width) as f64);
             (low, high) = (low.min(pixel), high.max(pixel + 1.0));
         }
@@ -95,7 +95,7 @@ const AIMED: f64 = 1.3;
 
 /// Cameras whose silhouettes surround no common point.
 fn aims(observation: &Observation) -> Option<Finding> {
-    let aims: Vec<Aim> = observation.maps.iter().filter_map(|map| Aim::new(map, observation.empty)).collect();
+    let aims: Vec<Aim> = observation.maps.iter().filter_map(Aim::new).collect();
     if aims.len() < 3 {
         return None;
     }
@@ -218,8 +218,19 @@ mod tests {
             height: side,
             near: 0.0,
         };
-        let depth = (0..SIDE * SIDE).map(|i| f32::from(u8::from(covered(i % SIDE, i / SIDE)))).collect();
-        DepthMap { camera, width: SIDE, height: SIDE, depth, weight: vec![1.0; SIDE * SIDE], name: "view".into() }
+        let depth: Vec<f32> = (0..SIDE * SIDE).map(|i| f32::from(u8::from(covered(i % SIDE, i / SIDE)))).collect();
+        DepthMap {
+            camera,
+            width: SIDE,
+            height: SIDE,
+            transmittance: depth.iter().map(|d: &f32| (-d).exp()).collect(),
+            depth,
+            weight: vec![1.0; SIDE * SIDE],
+            shown: (0..SIDE * SIDE).map(|i| covered(i % SIDE, i / SIDE)).collect(),
+            noise: 0.0,
+            exact: true,
+            name: "view".into(),
+        }
     }
 
     fn around() -> Vec<DepthMap> {
@@ -235,7 +246,7 @@ mod tests {
         let findings = |covered: fn(usize, usize) -> bool| {
             let mut maps = around();
             maps.push(view(outwards, covered));
-            cameras(&Observation { maps, empty: 1e-3, clean: true })
+            cameras(&Observation { maps, clean: true })
         };
         assert_eq!(findings(|_, _| true), []);
         // One that sees a small silhouette where the others see nothing does.

@@ -41,9 +41,8 @@ pub struct ColorView {
 }
 
 impl ColorView {
-    /// Of a picture reduced to means over blocks of `stride`² pixels. Pixels with an alpha of at most
-    /// `empty` show nothing.
-    pub fn new(photo: &Photo, stride: usize, empty: f32) -> Self {
+    /// Of a picture reduced to means over blocks of `stride`² pixels; `shown` tells which pixels show something.
+    pub fn new(photo: &Photo, stride: usize, shown: &[bool]) -> Self {
         let (w, h) = (photo.film.width, photo.film.height);
         let stride = stride_within(stride, w, h);
         let (width, height) = (w.div_ceil(stride), h.div_ceil(stride));
@@ -54,14 +53,18 @@ impl ColorView {
         let block = |i: usize| {
             let (x, y) = (i % width * stride, i / width * stride);
             let all = (y..(y + stride).min(h)).flat_map(|v| (x..(x + stride).min(w)).map(move |u| v * w + u));
-            let (mut sum, mut count) = (Vec4::ZERO, 0.0);
-            for pixel in all.map(|i| Vec4::from_array(photo.film.rgba[i])).filter(|p| p.is_finite()) {
-                sum += pixel;
-                count += 1.0;
+            let (mut sum, mut count, mut any) = (Vec4::ZERO, 0.0, false);
+            for i in all {
+                let pixel = Vec4::from_array(photo.film.rgba[i]);
+                if pixel.is_finite() {
+                    sum += pixel;
+                    count += 1.0;
+                    any |= shown[i];
+                }
             }
-            let [r, g, b, alpha] = (sum / count).to_array();
+            let [r, g, b, _] = (sum / count).to_array();
             let position = [i % width, i / width].map(|v| v as f32 + 0.5);
-            (alpha > empty).then_some(Pixel { position, color: [r, g, b] })
+            any.then_some(Pixel { position, color: [r, g, b] })
         };
         let pixels = morton(width, height).filter_map(block).collect();
         Self { camera, pixels, count: width * height }

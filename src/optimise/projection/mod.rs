@@ -3,4 +3,6 @@
 pub mod depths;
 pub mod emission;
 pub mod observation;
+pub mod plane;
 pub mod projector;
+pub mod shown;

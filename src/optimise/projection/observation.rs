@@ -4,6 +4,8 @@
 //! optical depth, follows from the picture alone: `T = Σ (L - c)(b - c) / Σ (b - c)²`. Absorption is
 //! `c = 0`. Reconstruction is then linear in the unknown densities.
 
+use super::plane::{Plane, Sums};
+use super::shown::{Nothing, shown};
 use crate::error::{Error, Result};
 use crate::scene::camera::Camera;
 use crate::scene::film::Film;
@@ -29,10 +31,18 @@ pub struct DepthMap {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Optical depth, row-major; noise may make it negative.
+    /// Transmittance, row-major; noise may make it negative, and it is NaN where nothing was measured.
+    pub transmittance: Vec<f32>,
+    /// Optical depth; noise may make it negative.
     pub depth: Vec<f32>,
     /// Weight of a squared residual in optical depth, 0..1; 0 where nothing was measured.
     pub weight: Vec<f32>,
+    /// True for pixels that show something, and for those that have measured nothing.
+    pub shown: Vec<bool>,
+    /// Standard deviation of the noise in a pixel's transmittance.
+    pub noise: f64,
+    /// True where that noise has no say: depths are the logarithms of single pixels.
+    pub exact: bool,
     /// Named in messages.
     pub name: String,
 }
@@ -42,8 +52,6 @@ pub struct DepthMap {
 pub struct Observation {
     /// One map a view.
     pub maps: Vec<DepthMap>,
-    /// A pixel with less optical depth than this has met nothing.
-    pub empty: f32,
     /// Pictures with hardly any noise: what is empty has the background's very color, and what is not
     /// is about as smooth as volumes are.
     pub clean: bool,
@@ -57,27 +65,32 @@ const OPAQUE: f64 = 14.0;
 /// T², from T = σ / error on.)
 const OWN_ERROR: f64 = 0.08;
 /// Bounds of that error over the noise.
-const TRUST: std::ops::RangeInclusive<f64> = 3.0..=60.0;
+const TRUST: std::ops::RangeInclusive<f64> = 1.0..=60.0;
 /// Noise in the transmittance from which on pictures count as noisy. Detail of a pixel's size responds to
 /// the estimate too, up to half of this.
 const NOISY: f64 = 8e-3;
 /// Optical depth below which a pixel is empty where some have the background's very color: a few roundings of `f32` near 1.
-const EMPTY: f32 = 2e-6;
+const EMPTY: f64 = 2e-6;
+/// Noise in radiance below which channels count as equally exact, relative to the contrast.
+const EXACT: f64 = 1e-3;
 
 impl Observation {
     /// Reads transmittances off the pictures; `background` is the radiance behind the medium and
-    /// `source` that of the medium itself.
+    /// `source` that of the medium itself. Channels count by their contrast and their noise, alpha among them where it is
+    /// the more exact.
     ///
     /// # Errors
     /// If no channel tells the medium from the background, or a picture is mostly not finite.
     pub fn new(photos: &[Photo], background: [f32; 3], source: [f32; 3]) -> Result<Self> {
         let contrast: [f64; 3] = std::array::from_fn(|c| f64::from(background[c]) - f64::from(source[c]));
         let power: f64 = contrast.iter().map(|c| c * c).sum();
+        let opaque = opaque(photos);
         if power >= 1e-12 {
-            let over = |p: &[f32; 4], c: usize| (f64::from(p[c]) - f64::from(source[c])) * contrast[c];
-            return Self::of(photos, |p| (0..3).map(|c| over(p, c)).sum::<f64>() / power);
+            let readings =
+                photos.par_iter().map(|photo| Reading::of_colors(photo, source.map(f64::from), contrast, opaque));
+            return Self::of(photos, &readings.collect::<Vec<_>>());
         }
-        if opaque(photos) {
+        if opaque {
             return Err(Error::invalid("medium and background have the same color, and alpha is 1 in all pixels: the pictures do not show the medium")
                 .hint("render on a background of another color than the medium's, stated as `background` in transforms.json, or with alpha"));
         }
@@ -95,53 +108,218 @@ impl Observation {
             )
             .hint("render with alpha = 1 - transmittance (in Cycles with a transparent film)"));
         }
-        Self::of(photos, |p| 1.0 - f64::from(p[3]))
+        Self::of(photos, &vec![Reading::ALPHA; photos.len()])
     }
 
-    fn of(photos: &[Photo], transmittance: impl Fn(&[f32; 4]) -> f64 + Sync) -> Result<Self> {
-        let transmittances: Vec<Vec<f64>> =
-            photos.par_iter().map(|p| p.film.rgba.iter().map(&transmittance).collect()).collect();
-        for (photo, values) in photos.iter().zip(&transmittances) {
-            let bad = values.iter().filter(|v| !v.is_finite()).count();
-            if bad * 10 > values.len() {
-                return Err(Error::invalid(format!("{bad} of {} pixels are NaN or infinite", values.len()))
+    /// True if the noise of some picture has a say in what its pixels tell.
+    pub fn noisy(&self) -> bool {
+        self.maps.iter().any(|map| !map.exact)
+    }
+
+    /// Standard deviations of the noise in the transmittances of the picture that has least and of that which has most;
+    /// none where noise has no say.
+    pub fn noise(&self) -> Option<[f64; 2]> {
+        let noises = self.maps.iter().map(|map| map.noise);
+        let range = noises.fold([f64::INFINITY, 0.0], |[least, most], n| [n.min(least), n.max(most)]);
+        self.noisy().then_some(range)
+    }
+
+    fn of(photos: &[Photo], readings: &[Reading]) -> Result<Self> {
+        let looks: Vec<Look> =
+            photos.par_iter().zip(readings).map(|(photo, reading)| Look::new(photo, *reading)).collect();
+        for (photo, look) in photos.iter().zip(&looks) {
+            let all = photo.film.rgba.len();
+            if look.bad * 10 > all {
+                return Err(Error::invalid(format!("{} of {all} pixels are NaN or infinite", look.bad))
                     .at(&photo.name)
                     .hint("render the view again, or take it out of the capture"));
             }
         }
-        let untouched = transmittances.iter().flatten().filter(|t| (**t - 1.0).abs() < f64::from(EMPTY)).count();
-        let exact = untouched * 100 >= transmittances.iter().map(Vec::len).sum::<usize>();
-        let empty = if exact { EMPTY } else { haze(&transmittances) };
-        let noise = noise(photos, &transmittances);
-        let clean = exact && noise < NOISY;
-        let trust = (OWN_ERROR / noise.max(1e-12)).clamp(*TRUST.start(), *TRUST.end());
-        let maps = photos
-            .iter()
-            .zip(transmittances)
-            .map(|(photo, transmittances)| {
-                let limit = (-OPAQUE).exp();
-                let weight = |t: f64| {
-                    let relative = trust * t.max(limit);
-                    if t.is_finite() { (relative * relative / (1.0 + relative * relative)) as f32 } else { 0.0 }
-                };
-                DepthMap {
-                    camera: photo.camera,
-                    width: photo.film.width,
-                    height: photo.film.height,
-                    weight: transmittances
-                        .iter()
-                        .map(|t| if *t > 0.0 { weight(*t) } else { weight(*t) * 1e-3 })
-                        .collect(),
-                    depth: transmittances
-                        .iter()
-                        .map(|t| if t.is_finite() { -t.max(limit).ln() as f32 } else { 0.0 })
-                        .collect(),
-                    name: photo.name.clone(),
-                }
-            })
-            .collect();
-        Ok(Self { maps, empty, clean })
+        let pixels: usize = photos.iter().map(|photo| photo.film.rgba.len()).sum();
+        let exact = looks.iter().map(|look| look.untouched).sum::<usize>() * 100 >= pixels;
+        let vague = looks.iter().any(|look| look.nothing.is_none());
+        let empty = if exact || !vague { EMPTY } else { haze(photos, readings) };
+        let noise = median(looks.iter().filter_map(|look| look.noise).collect()).unwrap_or(0.0);
+        let clean =
+            exact && noise < NOISY && looks.iter().all(|look| look.nothing.is_none_or(|n| n.deviation <= EMPTY));
+        let maps = photos.par_iter().zip(readings).zip(&looks);
+        let maps = maps.map(|((photo, reading), look)| look.map(photo, *reading, empty, noise, clean)).collect();
+        Ok(Self { maps, clean })
     }
+}
+
+/// The transmittance as a linear function of a pixel.
+#[derive(Debug, Clone, Copy)]
+struct Reading {
+    offset: f64,
+    gains: [f64; 4],
+}
+
+impl Reading {
+    const ALPHA: Self = Self { offset: 1.0, gains: [0.0, 0.0, 0.0, -1.0] };
+
+    /// The mean of what the color channels tell, with weights by contrast and noise; with alpha, if that is more exact and
+    /// agrees.
+    fn of_colors(photo: &Photo, source: [f64; 3], contrast: [f64; 3], opaque: bool) -> Self {
+        let floor = EXACT * contrast.iter().fold(0.0, |most, c| c.abs().max(most));
+        let background = |c: usize| (source[c] + contrast[c]) as f32;
+        let noises: [f64; 3] = std::array::from_fn(|c| {
+            let values: Vec<f32> = photo.film.rgba.iter().map(|p| p[c]).collect();
+            let shows = |v: f32| (v - background(c)).abs() > EMPTY as f32;
+            let plane = Plane { width: photo.film.width, values: &values };
+            plane.deviation(shows).unwrap_or(0.0).max(floor)
+        });
+        let weights: [f64; 3] = std::array::from_fn(|c| (contrast[c] * floor / noises[c]).powi(2));
+        let power: f64 = weights.iter().sum();
+        let share = |c: usize| if contrast[c] == 0.0 { 0.0 } else { weights[c] / (contrast[c] * power) };
+        let gains = [share(0), share(1), share(2), 0.0];
+        let colors = Self { offset: -(0..3).map(|c| source[c] * gains[c]).sum::<f64>(), gains };
+        if opaque { colors } else { colors.with_alpha(photo, floor / power.sqrt()) }
+    }
+
+    /// This one, or its mean with alpha where the noise of alpha is less than `noise`, that of this one.
+    fn with_alpha(self, photo: &Photo, noise: f64) -> Self {
+        if noise <= 2.0 * EXACT {
+            return self;
+        }
+        let values: Vec<f32> = photo.film.rgba.iter().map(|p| p[3]).collect();
+        let plane = Plane { width: photo.film.width, values: &values };
+        let alpha = plane.deviation(|v| v.abs() > EMPTY as f32).unwrap_or(0.0).max(EXACT);
+        if alpha >= noise || !self.agrees(Self::ALPHA, photo, noise.hypot(alpha)) {
+            return self;
+        }
+        let share = noise * noise / (noise * noise + alpha * alpha);
+        let mean = |a: f64, b: f64| (1.0 - share) * a + share * b;
+        Self {
+            offset: mean(self.offset, Self::ALPHA.offset),
+            gains: std::array::from_fn(|c| mean(self.gains[c], Self::ALPHA.gains[c])),
+        }
+    }
+
+    /// True if means over squares of pixels are the same by both, but for that noise of a pixel.
+    fn agrees(self, other: Self, photo: &Photo, noise: f64) -> bool {
+        let (width, height) = (photo.film.width, photo.film.height);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for y in (0..height / SQUARE).map(|y| y * SQUARE) {
+            for x in (0..width / SQUARE).map(|x| x * SQUARE) {
+                let pixels = (0..SQUARE * SQUARE).map(|i| photo.film.rgba[(y + i / SQUARE) * width + x + i % SQUARE]);
+                let difference = pixels.map(|p| self.transmittance(&p) - other.transmittance(&p)).sum::<f64>();
+                if difference.is_finite() {
+                    sum += (difference / (SQUARE * SQUARE) as f64).powi(2);
+                    count += 1.0;
+                }
+            }
+        }
+        count > 0.0 && sum / count <= 2.0 * (noise / SQUARE as f64).powi(2) + AGREED * AGREED
+    }
+
+    fn transmittance(self, pixel: &[f32; 4]) -> f64 {
+        self.offset + (0..4).filter(|c| self.gains[*c] != 0.0).map(|c| self.gains[c] * f64::from(pixel[c])).sum::<f64>()
+    }
+}
+
+/// Edge of the squares over which alpha and colors are compared, and the difference of transmittances that they may have.
+const SQUARE: usize = 8;
+const AGREED: f64 = 0.01;
+
+/// What one picture alone tells.
+#[derive(Debug, Clone)]
+struct Look {
+    /// Pixels that are not finite.
+    bad: usize,
+    /// Pixels that show the background's very color.
+    untouched: usize,
+    /// Opacity where nothing is.
+    nothing: Option<Nothing>,
+    /// Standard deviation of the noise in the transmittance of pixels that show something.
+    noise: Option<f64>,
+}
+
+impl Look {
+    fn new(photo: &Photo, reading: Reading) -> Self {
+        let opacity = opacity(photo, reading);
+        let plane = Plane { width: photo.film.width, values: &opacity };
+        Self {
+            bad: opacity.iter().filter(|a| !a.is_finite()).count(),
+            untouched: opacity.iter().filter(|a| f64::from(a.abs()) < EMPTY).count(),
+            nothing: Nothing::of(&Plane { values: &plane.bounded(), ..plane }),
+            noise: plane.deviation(|a| f64::from(a.abs()) > EMPTY),
+        }
+    }
+
+    /// The depths of the picture; `empty` is the optical depth of nothing where there is no noise, `usual` the noise of all
+    /// pictures.
+    fn map(&self, photo: &Photo, reading: Reading, empty: f64, usual: f64, clean: bool) -> DepthMap {
+        let noisy = self.nothing.filter(|nothing| nothing.deviation > EMPTY);
+        let noise = self.noise.unwrap_or(usual).max(noisy.map_or(0.0, |nothing| nothing.deviation));
+        let exact = clean || (noisy.is_none() && noise < EXACT);
+        let transmittance: Vec<f32> = photo.film.rgba.iter().map(|p| reading.transmittance(p) as f32).collect();
+        let (depth, weight) = depths(&Plane { width: photo.film.width, values: &transmittance }, noise, exact);
+        let shown = match noisy {
+            Some(nothing) => {
+                let opacity = opacity(photo, reading);
+                shown(&Plane { width: photo.film.width, values: &opacity }, nothing)
+            }
+            None => transmittance.iter().zip(&depth).map(|(t, d)| !t.is_finite() || f64::from(*d) > empty).collect(),
+        };
+        DepthMap {
+            camera: photo.camera,
+            width: photo.film.width,
+            height: photo.film.height,
+            transmittance,
+            depth,
+            weight,
+            shown,
+            noise,
+            exact,
+            name: photo.name.clone(),
+        }
+    }
+}
+
+/// Optical depths of transmittances and their weights.
+///
+/// The logarithm of a transmittance with noise of deviation σ is too large by σ²/2T² on average, and has no value where
+/// noise makes it negative. Where σ counts, the depth is linearised about that of the mean transmittance around, T₀: it is
+/// `1 - ln T₀ - T/T₀`, whose mean is right.
+fn depths(transmittance: &Plane<'_>, noise: f64, exact: bool) -> (Vec<f32>, Vec<f32>) {
+    let trust = (OWN_ERROR / noise.max(1e-12)).clamp(*TRUST.start(), *TRUST.end());
+    let limit = (-OPAQUE).exp();
+    let weight = |t: f64| {
+        let relative = trust * t.max(limit);
+        (relative * relative / (1.0 + relative * relative)) as f32
+    };
+    let sums = (!exact).then(|| Sums::new(transmittance));
+    let measured = |(i, t): (usize, &f32)| {
+        let t = f64::from(*t);
+        if !t.is_finite() {
+            return (0.0, 0.0);
+        }
+        let logarithm = -t.max(limit).ln() as f32;
+        let Some(sums) = &sums else {
+            return (logarithm, if t > 0.0 { weight(t) } else { weight(t) * 1e-3 });
+        };
+        let (mean, _) = sums.mean(i, AROUND);
+        let about = mean.max(noise / (2 * AROUND + 1) as f64).max(limit);
+        let depth = if about > CERTAIN * noise && t > 0.0 { logarithm } else { (1.0 - about.ln() - t / about) as f32 };
+        (depth, weight(about))
+    };
+    transmittance.values.iter().enumerate().map(measured).unzip()
+}
+
+/// Pixels to each side whose mean a depth is linearised about, and the transmittance over its noise from which on its
+/// logarithm is as good.
+const AROUND: usize = 2;
+const CERTAIN: f64 = 20.0;
+
+/// Opacity of each pixel, 1 less its transmittance.
+fn opacity(photo: &Photo, reading: Reading) -> Vec<f32> {
+    photo.film.rgba.iter().map(|p| (1.0 - reading.transmittance(p)) as f32).collect()
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// True if alpha is 1 in all pixels.
@@ -164,6 +342,11 @@ pub fn stride_within(stride: usize, width: usize, height: usize) -> usize {
 }
 
 impl DepthMap {
+    /// True if a pixel shows something.
+    pub fn shows(&self, pixel: usize) -> bool {
+        self.shown[pixel] && self.weight[pixel] > 0.0
+    }
+
     /// Returns the stride of [`stride_within`] for this map.
     pub fn stride_within(&self, stride: usize) -> usize {
         stride_within(stride, self.width, self.height)
@@ -175,94 +358,51 @@ impl DepthMap {
             return self.clone();
         }
         let (width, height) = (self.width.div_ceil(stride), self.height.div_ceil(stride));
-        let mut out = Self { width, height, depth: Vec::new(), weight: Vec::new(), ..self.clone() };
+        let (mut transmittance, mut depth, mut shown, mut weight) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for y in 0..height {
             for x in 0..width {
-                let (mut sum, mut weight, mut count) = (0.0_f64, 0.0_f64, 0_u32);
-                for v in y * stride..((y + 1) * stride).min(self.height) {
-                    for u in x * stride..((x + 1) * stride).min(self.width) {
-                        let i = v * self.width + u;
-                        sum += f64::from(self.weight[i]) * f64::from(self.depth[i]);
-                        weight += f64::from(self.weight[i]);
-                        count += 1;
+                let rows = y * stride..((y + 1) * stride).min(self.height);
+                let columns = x * stride..((x + 1) * stride).min(self.width);
+                let (mut sums, mut count, mut any) = ([0.0_f64; 4], 0_u32, false);
+                for i in rows.flat_map(|v| columns.clone().map(move |u| v * self.width + u)) {
+                    let w = f64::from(self.weight[i]);
+                    sums[0] += w * f64::from(self.depth[i]);
+                    sums[1] += w;
+                    if self.transmittance[i].is_finite() {
+                        sums[2] += f64::from(self.transmittance[i]);
+                        sums[3] += 1.0;
                     }
+                    count += 1;
+                    any |= self.shown[i];
                 }
-                out.depth.push(if weight > 0.0 { (sum / weight) as f32 } else { 0.0 });
-                out.weight.push((weight / f64::from(count.max(1))) as f32);
+                depth.push(if sums[1] > 0.0 { (sums[0] / sums[1]) as f32 } else { 0.0 });
+                weight.push((sums[1] / f64::from(count.max(1))) as f32);
+                transmittance.push((sums[2] / sums[3]) as f32);
+                shown.push(any);
             }
         }
         let s = stride as f64;
-        out.camera.focal /= s;
-        out.camera.centre /= s;
-        out.camera.width = width as u32;
-        out.camera.height = height as u32;
-        out
+        let mut camera = self.camera;
+        camera.focal /= s;
+        camera.centre /= s;
+        (camera.width, camera.height) = (width as u32, height as u32);
+        let (noise, exact, name) = (self.noise / s, self.exact, self.name.clone());
+        if !exact {
+            (depth, weight) = depths(&Plane { width, values: &transmittance }, noise, false);
+        }
+        Self { camera, width, height, transmittance, depth, weight, shown, noise, exact, name }
     }
 }
 
 /// Returns the distance from 1 up to which a transmittance counts as that of an empty pixel, where no pixel is exactly the
 /// background: three times the distance that a tenth of all pixels stay within, at least [`EMPTY`].
-fn haze(transmittances: &[Vec<f64>]) -> f32 {
-    let mut distances: Vec<f64> =
-        transmittances.iter().flatten().filter(|t| t.is_finite()).map(|t| (t - 1.0).abs()).collect();
+fn haze(photos: &[Photo], readings: &[Reading]) -> f64 {
+    let distances = photos.iter().zip(readings).flat_map(|(photo, reading)| opacity(photo, *reading));
+    let mut distances: Vec<f32> = distances.map(f32::abs).filter(|d| d.is_finite()).collect();
     if distances.is_empty() {
         return EMPTY;
     }
-    let k = distances.len() / 10;
-    let (_, value, _) = distances.select_nth_unstable_by(k, f64::total_cmp);
-    EMPTY.max(3.0 * *value as f32)
-}
-
-/// Standard deviation of the noise in the transmittance of pixels that show something, by a mask that
-/// smooth pictures hardly respond to (Immerkær 1996). Noise responds half as much in pictures of half the
-/// size, detail several times as much: what both responses share is no noise.
-fn noise(photos: &[Photo], transmittances: &[Vec<f64>]) -> f64 {
-    let full: Vec<Picture> = photos
-        .iter()
-        .zip(transmittances)
-        .map(|(p, t)| Picture { width: p.film.width, height: p.film.height, t: t.clone() })
-        .collect();
-    let half: Vec<Picture> = full.iter().map(Picture::halved).collect();
-    let (fine, coarse) = (response(&full), response(&half));
-    (fine * fine - 0.25 * coarse * coarse).max(0.0).sqrt()
-}
-
-/// Transmittances of a picture, row by row.
-struct Picture {
-    width: usize,
-    height: usize,
-    t: Vec<f64>,
-}
-
-impl Picture {
-    /// Means of four pixels; an odd last row or column is left out.
-    fn halved(&self) -> Self {
-        let (width, height) = (self.width / 2, self.height / 2);
-        let mean = |i: usize| {
-            let corner = 2 * (i / width.max(1)) * self.width + 2 * (i % width.max(1));
-            [0, 1, self.width, self.width + 1].iter().map(|k| 0.25 * self.t[corner + k]).sum()
-        };
-        Self { width, height, t: (0..width * height).map(mean).collect() }
-    }
-}
-
-/// Standard deviation of white noise that the median response of all pixels to the mask would be of.
-fn response(pictures: &[Picture]) -> f64 {
-    const MASK: [f64; 9] = [1.0, -2.0, 1.0, -2.0, 4.0, -2.0, 1.0, -2.0, 1.0];
-    let of = |p: &Picture| -> Vec<f64> {
-        let at = |x: usize, y: usize| p.t[y * p.width + x];
-        let response =
-            |x: usize, y: usize| (0..9).map(|k| MASK[k] * at(x + k % 3 - 1, y + k / 3 - 1)).sum::<f64>().abs();
-        let inner = (1..p.height.saturating_sub(1)).flat_map(|y| (1..p.width.saturating_sub(1)).map(move |x| (x, y)));
-        let shown = inner.filter(|(x, y)| (at(*x, *y) - 1.0).abs() > f64::from(EMPTY));
-        shown.map(|(x, y)| response(x, y)).filter(|a| a.is_finite()).collect()
-    };
-    let mut responses: Vec<f64> = pictures.par_iter().flat_map_iter(of).collect();
-    if responses.is_empty() {
-        return 0.0;
-    }
-    let middle = responses.len() / 2;
-    let (_, median, _) = responses.select_nth_unstable_by(middle, f64::total_cmp);
-    // The squares of the mask's weights sum up to 36; half of a normal distribution lies within 0.6745 σ.
-    *median / (6.0 * 0.6745)
+    let tenth = distances.len() / 10;
+    let (_, value, _) = distances.select_nth_unstable_by(tenth, f32::total_cmp);
+    EMPTY.max(3.0 * f64::from(*value))
 }

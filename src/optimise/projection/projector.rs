@@ -24,6 +24,8 @@ use std::sync::Arc;
 pub struct Sample {
     /// Image position of the pixel's centre, in pixels.
     pub position: [f32; 2],
+    /// Measured transmittance.
+    pub transmittance: f32,
     /// Measured optical depth.
     pub depth: f32,
     /// Weight of its squared residual.
@@ -39,6 +41,15 @@ pub struct View {
     pub samples: Vec<Sample>,
     /// Pixels that show nothing whatever the unknowns are, but have measured something.
     pub idle: Vec<Sample>,
+    /// Standard deviation of the noise in a pixel's transmittance.
+    pub noise: f64,
+}
+
+impl View {
+    /// Number of pixels that have measured something.
+    pub fn measured(&self) -> usize {
+        self.samples.len() + self.idle.len()
+    }
 }
 
 /// Pixels handled in one go.
@@ -94,7 +105,9 @@ impl Projector {
             let map = map.reduced(map.stride_within(stride));
             let pixels = morton(map.width, map.height).filter(|i| map.weight[*i] > 0.0).map(|i| {
                 let (x, y) = (i % map.width, i / map.width);
-                Sample { position: [x as f32 + 0.5, y as f32 + 0.5], depth: map.depth[i], weight: map.weight[i] }
+                let position = [x as f32 + 0.5, y as f32 + 0.5];
+                let (transmittance, depth, weight) = (map.transmittance[i], map.depth[i], map.weight[i]);
+                Sample { position, transmittance, depth, weight }
             });
             let (samples, mut idle): (Vec<_>, Vec<_>) = pixels.partition(|sample| {
                 if cancel.requested() {
@@ -113,7 +126,7 @@ impl Projector {
                 depth > 0.0
             });
             idle.retain(|sample| sample.depth != 0.0);
-            View { camera: map.camera, samples, idle }
+            View { camera: map.camera, samples, idle, noise: map.noise }
         };
         tiles::map(maps, None, || (Tape::default(), vec![0.0; self.offsets.len()]), view).unwrap_or_default()
     }
@@ -149,6 +162,33 @@ impl Projector {
         let nothing = vec![0.0; self.offsets.len()];
         let idle: f64 = views.iter().flat_map(|v| &v.idle).map(|s| value(s, &nothing)).sum();
         idle + self.walk(voxels, views, |s, z| (0.0, [value(s, z), 0.0]), false)[0]
+    }
+
+    /// Transmittances of the pixels of a view, in the order of its samples; none once the work is cancelled.
+    pub fn transmittances(&mut self, voxels: &[f32], view: &View) -> Vec<f32> {
+        self.topology.fill_apron(voxels, &mut self.field.values);
+        let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return Vec::new() };
+        let dvr = dvr.early_stop(0.0);
+        let (arch, offsets) = (Arch::default(), &self.offsets);
+        let of_run = |(tape, depths): &mut (Tape<f32>, Vec<f64>), samples: &&[Sample]| -> Vec<f32> {
+            let of_pixel = |sample: &Sample| {
+                let [transmittance, _] = arch.dispatch(Run {
+                    dvr: &dvr,
+                    camera: &view.camera,
+                    samples: std::slice::from_ref(sample),
+                    offsets,
+                    cotangent: &|_: &Sample, z: &[f64]| (0.0, [transmittance(z), 0.0]),
+                    tape,
+                    depths,
+                    gradient: None,
+                });
+                transmittance as f32
+            };
+            samples.iter().map(of_pixel).collect()
+        };
+        let runs: Vec<&[Sample]> = view.samples.chunks(RUN).collect();
+        let scratch = || (Tape::default(), vec![0.0; offsets.len()]);
+        tiles::map(&runs, self.cancel.flag(), scratch, of_run).unwrap_or_default().concat()
     }
 
     fn walk(
@@ -192,6 +232,11 @@ impl Projector {
         );
         sums.into_iter().fold([0.0; 2], |a, (b, ..)| [a[0] + b[0], a[1] + b[1]])
     }
+}
+
+/// Transmittance of a pixel: the mean of those along its rays, whose optical depths are given.
+pub fn transmittance(depths: &[f64]) -> f64 {
+    depths.iter().map(|z| (-z).exp()).sum::<f64>() / depths.len() as f64
 }
 
 /// Neighbouring pixels of one view: the unit that is compiled once for each instruction set.

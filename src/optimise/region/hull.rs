@@ -30,7 +30,7 @@ struct Silhouette<'a> {
 }
 
 impl<'a> Silhouette<'a> {
-    fn new(map: &'a DepthMap, empty: f32) -> Self {
+    fn new(map: &'a DepthMap) -> Self {
         let (w, h) = (map.width, map.height);
         let mut sums = vec![0_u32; (w + 1) * (h + 1)];
         let mut extent: Option<(DVec2, DVec2)> = None;
@@ -38,11 +38,9 @@ impl<'a> Silhouette<'a> {
             let mut row = 0;
             for x in 0..w {
                 let i = y * w + x;
-                // A pixel without weight has measured nothing: it must not carve.
-                if map.weight[i] == 0.0 || map.depth[i] > empty {
-                    row += 1;
-                }
-                if map.weight[i] > 0.0 && map.depth[i] > empty {
+                // A pixel that has measured nothing counts as shown: it must not carve.
+                row += u32::from(map.shown[i]);
+                if map.shows(i) {
                     let (low, high) = (DVec2::new(x as f64, y as f64), DVec2::new(x as f64 + 1.0, y as f64 + 1.0));
                     extent = Some(extent.map_or((low, high), |(a, b)| (a.min(low), b.max(high))));
                 }
@@ -107,12 +105,10 @@ pub struct Hull<'a> {
 impl<'a> Hull<'a> {
     /// Prepares the silhouettes.
     pub fn new(observation: &'a Observation) -> Self {
-        let mut views: Vec<Silhouette> =
-            observation.maps.par_iter().map(|m| Silhouette::new(m, observation.empty)).collect();
+        let mut views: Vec<Silhouette> = observation.maps.par_iter().map(Silhouette::new).collect();
         // A picture of a part of the medium can have an empty border, too. Others tell: they see
         // something beside its frustum.
-        let occupied: Vec<Ray> =
-            observation.maps.par_iter().flat_map_iter(|m| occupied_rays(m, observation.empty)).collect();
+        let occupied: Vec<Ray> = observation.maps.par_iter().flat_map_iter(occupied_rays).collect();
         views.par_iter_mut().filter(|v| v.whole).for_each(|v| {
             let frustum = frustum(v.camera);
             v.whole = occupied.iter().all(|ray| crosses(ray, &frustum));
@@ -364,8 +360,8 @@ const MOST_BRICKS: f64 = 1e8;
 /// Some of the rays of a picture that meet something.
 const OCCUPIED_RAYS: usize = 1024;
 
-fn occupied_rays(map: &DepthMap, empty: f32) -> impl Iterator<Item = Ray> {
-    let pixels: Vec<usize> = (0..map.depth.len()).filter(|i| map.weight[*i] > 0.0 && map.depth[*i] > empty).collect();
+fn occupied_rays(map: &DepthMap) -> impl Iterator<Item = Ray> {
+    let pixels: Vec<usize> = (0..map.depth.len()).filter(|i| map.shows(*i)).collect();
     let step = pixels.len().div_ceil(OCCUPIED_RAYS).max(1);
     pixels.into_iter().step_by(step).map(|i| map.camera.ray((i % map.width) as f64 + 0.5, (i / map.width) as f64 + 0.5))
 }

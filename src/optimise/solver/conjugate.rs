@@ -88,6 +88,11 @@ impl<'a, E: Equations> Solver<'a, E> {
         self
     }
 
+    /// Begins a new cycle of that many iterations with the next one, since the equations have changed.
+    pub fn begin_anew(&mut self, length: u32) {
+        (self.left, self.length) = (0, length);
+    }
+
     /// Root mean square of the weighted residuals, as the quadratic model has it.
     pub fn loss(&self) -> f64 {
         (self.square.max(0.0) / self.equations.rows().max(1) as f64).sqrt()
@@ -172,7 +177,7 @@ fn axpy(y: &mut [f32], a: f32, x: &[f32]) {
 }
 
 /// Inner product in fixed blocks: the same bits for any number of threads.
-fn dot(a: &[f32], b: &[f32]) -> f64 {
+pub(super) fn dot(a: &[f32], b: &[f32]) -> f64 {
     let blocks: Vec<f64> = a
         .par_chunks(4096)
         .zip(b.par_chunks(4096))

@@ -65,8 +65,8 @@ impl Smoother {
         for _ in 0..self.passes {
             self.blur(out);
         }
-        let ridge = self.ridge;
-        self.laplacian(out, ridge);
+        ridged_laplacian(&self.neighbours, out, self.ridge, &mut self.scratch);
+        out.copy_from_slice(&self.scratch);
         for _ in 0..self.passes {
             self.blur(out);
         }
@@ -93,22 +93,24 @@ impl Smoother {
         });
         values.copy_from_slice(&self.scratch);
     }
+}
 
-    /// `(L + a) values`, zero outside the bricks.
-    fn laplacian(&mut self, values: &mut [f32], ridge: f32) {
-        let neighbours = &self.neighbours;
-        let source: &[f32] = values;
-        self.scratch.par_chunks_mut(LEAF_VOXELS).enumerate().for_each(|(b, out)| {
-            for (o, v) in out.iter_mut().zip(&source[b * LEAF_VOXELS..]) {
-                *o = ridge * v;
-            }
-            for axis in 0..3 {
-                let brick = Lines::new(source, b, neighbours.of_brick(b, axis), axis);
-                brick.each(|i, centre, sides| out[i] += 2.0 * centre - sides);
-            }
-        });
-        values.copy_from_slice(&self.scratch);
-    }
+/// `out = L values` of the negative Laplacian, with zeros outside the bricks.
+pub(super) fn laplacian(neighbours: &Neighbours, values: &[f32], out: &mut [f32]) {
+    ridged_laplacian(neighbours, values, 0.0, out);
+}
+
+/// `out = (L + a) values`, zero outside the bricks.
+fn ridged_laplacian(neighbours: &Neighbours, values: &[f32], ridge: f32, out: &mut [f32]) {
+    out.par_chunks_mut(LEAF_VOXELS).enumerate().for_each(|(b, out)| {
+        for (o, v) in out.iter_mut().zip(&values[b * LEAF_VOXELS..]) {
+            *o = ridge * v;
+        }
+        for axis in 0..3 {
+            let brick = Lines::new(values, b, neighbours.of_brick(b, axis), axis);
+            brick.each(|i, centre, sides| out[i] += 2.0 * centre - sides);
+        }
+    });
 }
 
 /// A brick and its two neighbours along one axis.
