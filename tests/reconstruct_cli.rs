@@ -277,8 +277,8 @@ fn holes_in_pictures_are_borne_by_the_paper_too() {
 fn a_blind_prior_is_rougher_for_clean_pictures() {
     let work = with_pictures(12, 40);
     let blind_and_given = || {
-        work.json(&format!("reconstruct density cap -o blind.vdb {SMALL} --held-out 0"));
-        work.json(&format!("reconstruct density cap -o given.vdb {SMALL} --held-out 0 --smoothing 1"));
+        work.json("reconstruct density cap -o blind.vdb --resolution 16 --held-out 0");
+        work.json("reconstruct density cap -o given.vdb --resolution 16 --held-out 0 --smoothing 1");
         [work.volume_psnr("blind.vdb"), work.volume_psnr("given.vdb")]
     };
     let [blind, given] = blind_and_given();

@@ -251,7 +251,12 @@ impl Look {
     /// pictures.
     fn map(&self, photo: &Photo, reading: Reading, empty: f64, usual: f64, clean: bool) -> DepthMap {
         let noisy = self.nothing.filter(|nothing| nothing.deviation > EMPTY);
-        let noise = self.noise.unwrap_or(usual).max(noisy.map_or(0.0, |nothing| nothing.deviation));
+        let shown_noise = self.noise.unwrap_or(usual);
+        let noise = match noisy {
+            // Empty pixels have no detail that could be taken for noise.
+            Some(nothing) if shown_noise < (2.0 * nothing.deviation).max(NOISY) => nothing.deviation,
+            _ => shown_noise,
+        };
         let exact = clean || (noisy.is_none() && noise < EXACT);
         let transmittance: Vec<f32> = photo.film.rgba.iter().map(|p| reading.transmittance(p) as f32).collect();
         let (depth, weight) = depths(&Plane { width: photo.film.width, values: &transmittance }, noise, exact);

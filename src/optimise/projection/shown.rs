@@ -30,13 +30,15 @@ pub struct Nothing {
 }
 
 impl Nothing {
-    /// Of the pixels beside those that are no more opaque than nothing; `None` where there are hardly any.
+    /// Of the pixels between two that are no more opaque than nothing; `None` where there are hardly any.
     pub fn of(opacity: &Plane<'_>) -> Option<Self> {
+        let empty = |v: f32| v <= ROUNDING;
         // Two pixels apart the noise of one says nothing about that of the other, but for a filter's.
         let rows = opacity.values.chunks_exact(opacity.width.max(1));
-        let pairs = rows.flat_map(|row| row.iter().zip(row.iter().skip(2)));
-        let mut beside: Vec<f32> = pairs.filter(|(a, b)| **a <= ROUNDING && b.is_finite()).map(|(_, b)| *b).collect();
-        if beside.len() < FEWEST || beside.len() * 500 < opacity.values.len() {
+        let triples = rows.flat_map(|row| row.windows(5).map(|w| [w[0], w[2], w[4]]));
+        let between = triples.filter(|[a, b, c]| empty(*a) && empty(*c) && b.is_finite());
+        let mut beside: Vec<f32> = between.map(|[_, b, _]| b).collect();
+        if beside.len() < FEWEST || beside.len() * 1000 < opacity.values.len() {
             return None;
         }
         // 84 % of a normal distribution lie below one standard deviation.
