@@ -224,8 +224,7 @@ impl Level {
     /// Weight of the pictures in the difference of a voxel that is independent of its neighbours: the mean of the diagonal
     /// of `AᵀWA` over that of the penalty, by one probe of random signs (Hutchinson 1990).
     fn pictures_weight(&mut self) -> f64 {
-        let sign =
-            |i: usize| if (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15).count_ones() % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = |i: usize| if (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 63 == 0 { 1.0 } else { -1.0 };
         let probe: Vec<f32> = self.unknown.iter().enumerate().map(|(i, u)| if *u { sign(i) } else { 0.0 }).collect();
         let unknowns = self.unknown.iter().filter(|u| **u).count();
         let mut image = vec![0.0; probe.len()];
