@@ -1,12 +1,13 @@
 """Captures with noise: what `cumulo reconstruct density` finds in them by default.
 
-    noisy_captures.py FOLDER [--volumes NAME ...] [--noises SIGMA ...] [--kinds KIND ...] [--views N] [--size N] [--keep]
+    noisy_captures.py FOLDER [--volumes NAME ...] [--noises SIGMA ...] [--kinds KIND ...] [--views N] [--size N]
+                      [--keep]
 
 Three volumes of 128^3 voxels, a smoke, a textured cloud and opaque boxes, in pictures by absorption on a white
 background without alpha. Gaussian noise of the given deviations is added to the colors of every pixel (`plain`), which
-is then cut at black and white and rounded to 8 bits (`cut`), or the exact alpha is kept beside it (`alpha`). The cameras
-are exact, no bounds are given, and the lattice is not stated. A row has the decibels of the volume (of a peak of 1),
-those of the held-out view, which has noise, too, the unknown voxels and the seconds.
+is then cut at black and white and rounded to 8 bits (`cut`), or the exact alpha is kept beside it (`alpha`). The
+cameras are exact, no bounds are given, and the lattice is not stated. A row has the decibels of the volume (of a peak
+of 1), those of the held-out view, which has noise, too, the unknown voxels and the seconds.
 Needs numpy and OpenEXR (`peers/requirements-denoisers.txt`). CUMULO is the program, `cumulo` by default.
 """
 

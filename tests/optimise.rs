@@ -395,11 +395,38 @@ fn weights_follow_the_noise() {
     // The weight is r² / (1 + r²) of r = trust · T. Trust is 0.08 of the noise, from 1 to 60; where there is noise of
     // 0.05 it is about 1.6, and so is the largest r, at T = 1.
     let weigh = |trust: f32, depth: f32| (trust * (-depth).exp()).powi(2) / (1.0 + (trust * (-depth).exp()).powi(2));
-    assert!(clean.0 && (weigh(60.0, 1.1) - 1e-5..=weigh(60.0, 0.9) + 1e-5).contains(&clean.1), "{clean:?}");
+    let expected = weigh(60.0, 1.1) - 1e-5..=weigh(60.0, 0.9) + 1e-5;
+    assert!(clean.0 && expected.contains(&clean.1), "{clean:?}");
     assert!(!noisy.0 && (weigh(1.4, 0.0)..=weigh(1.9, 0.0)).contains(&noisy.2), "{noisy:?}");
     // The ball fills a few hundred pixels of each picture, which tell a deviation to about 5 %.
     assert!(noisy.3.iter().all(|n| (0.043..0.057).contains(n)), "{noisy:?}");
     assert!(clean.3.iter().all(|n| *n < 4e-3), "{clean:?}");
+}
+
+/// The mean depth of dark pixels is right whatever their noise: logarithms of single pixels would be off by far.
+#[test]
+fn noise_leaves_no_bias_in_depths() {
+    const SIDE: usize = 96;
+    let camera = orbit::cameras(&[DVec3::ZERO, DVec3::ONE], 1, Layout::Ring, SIDE as u32, SIDE as u32, 30.0, Up::Z)[0];
+    let (sigma, dark) = (0.05, 0.1_f32);
+    let n = noise(3 * SIDE * SIDE, 5);
+    let mut film = Film::new(SIDE, SIDE);
+    for i in 0..SIDE * SIDE {
+        let light = if i % SIDE < SIDE / 2 { dark } else { 1.0 };
+        let light = light + sigma * 2.0 * (n[3 * i] + n[3 * i + 1] + n[3 * i + 2] - 1.5);
+        film.rgba[i] = [light, light, light, 1.0];
+    }
+    let observation = Observation::new(&[Photo { camera, film, name: "view".into() }], [1.0; 3], [0.0; 3]).unwrap();
+    let map = &observation.maps[0];
+    let inner = (0..SIDE * SIDE).filter(|i| (3..SIDE / 2 - 3).contains(&(i % SIDE)));
+    let (sum, weight) = inner.fold((0.0, 0.0), |(sum, weight), i| {
+        let w = f64::from(map.weight[i]);
+        (sum + w * f64::from(map.depth[i]), weight + w)
+    });
+    // The noise over T is 0.5, a fifth of that in the mean T₀ of 25 pixels: 0.1² / 2 of curvature are left, and the
+    // weights, which grow as T₀², add about twice 0.1². By logarithms the mean is off by 0.12 and more.
+    let bias = sum / weight + f64::from(dark).ln();
+    assert!(bias.abs() < 0.04, "{bias}");
 }
 
 /// A faint medium is found by means over many pixels, the empty ones around it are not, and one hot pixel shows nothing.

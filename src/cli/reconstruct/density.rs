@@ -57,7 +57,8 @@ pub struct Density {
     /// Number of views to hold out: these are not fitted, but decide when to stop (default: one of 8 or more)
     #[arg(long, value_name = "K")]
     held_out: Option<usize>,
-    /// Iterations on the finest level, at most (default: 24, or 40 where the pictures have noise; with a transfer function, or weiss2021: 50 epochs)
+    /// Iterations on the finest level, at most (default: 24, or 40 where the pictures have noise; with a transfer
+    /// function, or weiss2021: 50 epochs)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: Option<u32>,
     /// Blur passes of the smoothness prior (default: as many as suit the held-out views, without these 1; where the
@@ -116,7 +117,7 @@ impl DensitySolver {
         }
     }
 
-    /// Returns the largest number of steps that a run reports, over all levels; `views` counts those of the capture.
+    /// Returns the largest number of steps that a run reports, over all levels.
     fn most_iterations(self, measurements: &Measurements, request: &Request) -> u64 {
         let training = measurements.photos.len() - request.held_out.len();
         match self {

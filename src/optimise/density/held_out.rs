@@ -1,25 +1,22 @@
 //! How well a volume predicts views that it was not fitted to.
 //!
 //! The error of a projection at a spatial frequency k is that of the volume in the same plane of frequencies (Fourier
-//! slice theorem), and there are more frequencies of the volume to each of the picture the higher it is: the mean square
-//! error of the volume is that of the picture with weights that grow as |k|. Without them the choice falls on volumes
-//! that are too rough, or too smooth for clean pictures. The noise of the pictures themselves is known, and taken off.
+//! slice theorem), and the volume has more frequencies to each of the picture the higher it is: the mean square error
+//! of the volume is that of the picture with weights that grow as |k|. The pictures' own noise adds the same to all.
 
 use crate::metrics::error::unit_psnr_db;
 use crate::optimise::projection::projector::{Projector, View};
 
-/// Share of the noise that is taken off, so that what is left is no less than zero.
-const NOISE_SHARE: f64 = 0.95;
-
 /// Errors of the transmittances in views, over all their pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Prediction {
-    /// Mean square error, and the part of it that is the noise of the pictures.
+    /// Mean square error.
     pub square: f64,
+    /// Mean square of the pictures' own noise, which is a part of the error.
     pub noise: f64,
     /// PSNR in dB, peak 1.
     pub psnr_db: f64,
-    /// The same of errors weighted by their frequency, without noise: what choices rest on.
+    /// PSNR in dB of the error weighted by frequency: the number that choices rest on.
     pub score_db: f64,
 }
 
@@ -31,9 +28,8 @@ impl Prediction {
             let error = ErrorPicture::new(projector, voxels, view);
             count += error.values.len() as f64;
             square += error.square();
-            let own = view.noise * view.noise * view.measured() as f64;
-            noise += own;
-            score += error.weighted(NOISE_SHARE * own);
+            noise += view.noise * view.noise * view.measured() as f64;
+            score += error.weighted();
         }
         (count > 0.0 && !projector.cancel.requested()).then(|| Self {
             square: square / count,
@@ -67,19 +63,18 @@ impl ErrorPicture {
         self.values.iter().map(|v| f64::from(*v).powi(2)).sum()
     }
 
-    /// Sum of squares with the weight 2⁻ʲ in the octave j of frequencies, the highest first (Haar's wavelets), of which
-    /// white noise of the sum of squares `noise` is taken off.
-    fn weighted(self, noise: f64) -> f64 {
+    /// Returns the sum of squares with the weight 2⁻ʲ in the octave j of frequencies, the highest first (Haar's
+    /// wavelets).
+    fn weighted(self) -> f64 {
         let (mut sum, mut weight, mut pixels) = (0.0, 1.0, 1.0);
         let mut level = self;
-        // A pixel of level j is the mean of 4ʲ, and so are the sums of squares: noise has 4⁻ʲ of its own.
-        let beyond_noise = |level: &Self, pixels: f64| pixels * level.square() - noise / pixels;
         while level.width > 1 && level.values.len() > level.width {
+            // A pixel of level j stands for 4ʲ.
             let next = level.halved();
-            sum += weight * (beyond_noise(&level, pixels) - beyond_noise(&next, 4.0 * pixels));
+            sum += weight * (pixels * level.square() - 4.0 * pixels * next.square());
             (level, weight, pixels) = (next, 0.5 * weight, 4.0 * pixels);
         }
-        sum + weight * beyond_noise(&level, pixels)
+        sum + weight * pixels * level.square()
     }
 
     /// Means of four pixels; what lies beyond the border counts as no error.
@@ -91,5 +86,22 @@ impl ErrorPicture {
             [(0, 0), (1, 0), (0, 1), (1, 1)].iter().map(|(u, v)| 0.25 * at(x + u, y + v).unwrap_or(&0.0)).sum()
         };
         Self { width, values: (0..width * height).map(mean).collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Fine errors count whole, and those of twice the size half as much.
+    #[test]
+    fn errors_count_by_their_frequency() {
+        let picture = |value: fn(usize, usize) -> f32| {
+            let values = (0..64).map(|i| value(i % 8, i / 8)).collect();
+            ErrorPicture { width: 8, values }
+        };
+        assert_eq!(picture(|_, _| 0.5).weighted(), 64.0 * 0.25 / 8.0);
+        assert_eq!(picture(|x, y| if (x + y) % 2 == 0 { 0.5 } else { -0.5 }).weighted(), 64.0 * 0.25);
+        assert_eq!(picture(|x, y| if (x / 2 + y / 2) % 2 == 0 { 0.5 } else { -0.5 }).weighted(), 64.0 * 0.25 / 2.0);
     }
 }

@@ -1,9 +1,9 @@
 //! The densities on one level of resolution.
 //!
-//! Clean pictures need no more than the metric in which conjugate gradients look for the smallest change, and an early stop:
-//! the number of blur passes of that metric is chosen by held-out views. Where there is noise, neighbours that differ
-//! are penalised, strongly at first and less and less while held-out views gain by it: the solution of each weight is the start
-//! of the next (continuation), so that what the pictures do not tell stays as smooth as it was.
+//! Clean pictures need no more than the metric in which conjugate gradients look for the smallest change, and an early
+//! stop: the number of blur passes of that metric is chosen by held-out views. Where there is noise, neighbours that
+//! differ are penalised, strongly at first and less and less while held-out views gain by it. The solution of each
+//! weight is the start of the next (continuation), so that what the pictures do not tell stays as smooth as it was.
 
 use super::held_out::Prediction;
 use super::{GAIN, MOST_PASSES, NOISY_STEP, PATIENCE, Request, TRIAL};
@@ -17,8 +17,8 @@ use crate::optimise::region::hull::Hull;
 use crate::optimise::region::lattice;
 use crate::optimise::region::neighbours::Neighbours;
 use crate::optimise::solver::conjugate::{Equations, Solver};
-use crate::optimise::solver::rough::Rough;
 use crate::optimise::solver::smoother::Smoother;
+use crate::optimise::solver::tikhonov::Tikhonov;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
 use std::ops::ControlFlow;
@@ -29,7 +29,7 @@ use std::sync::Arc;
 const LARGEST_WEIGHT: f64 = 16.0;
 const WEAKER: f64 = 0.25;
 const WEAKEST: f64 = 1.0 / 1024.0;
-/// Largest weight where there is a start: it is no worse than the pictures make it.
+/// Largest weight where a volume is given to start from, whose detail a larger one would blur.
 const WEIGHT_FROM_START: f64 = 0.25;
 /// Views whose misfit tells whether noise is fitted already, where none are held out.
 const MISFITS: usize = 8;
@@ -76,8 +76,8 @@ impl Level {
         let stride = 1_usize << level;
         let lattice = lattice::coarser(&request.lattice, level)?;
         let hull = Hull::new(observation).cancel(request.cancel);
-        // Solver vectors, the field, its accumulators and the way back.
-        let per_brick = (LEAF_VOXELS * 9 + BRICK * 4) * size_of::<f32>();
+        // Solver vectors, the penalty's differences, the field, its accumulators and the way back.
+        let per_brick = (LEAF_VOXELS * 10 + BRICK * 4) * size_of::<f32>();
         let limit = (request.max_memory / per_brick as u64) as usize;
         let (topology, unknown) = hull.unknowns(&lattice, &request.bounds, limit)?;
         let topology = Arc::new(topology);
@@ -128,7 +128,7 @@ impl Level {
     pub fn solve(&mut self, limit: u32, mut watch: impl FnMut(f64, Option<f64>) -> ControlFlow<()>) -> Solved {
         let start = std::mem::take(&mut self.start);
         if let Some(penalty) = self.penalty {
-            return self.descend_through_noise(start, penalty, limit, &mut watch);
+            return self.descend_regularized(start, penalty, limit, &mut watch);
         }
         if !self.explore || self.held_out.is_empty() || limit <= TRIAL {
             return self.descend(start, limit, &mut watch);
@@ -172,20 +172,20 @@ impl Level {
         best.1
     }
 
-    /// Weakens the penalty step by step while held-out views gain by it, or, without such views, while the misfit of the
-    /// pictures is larger than their noise (Morozov's discrepancy principle).
-    fn descend_through_noise(
+    /// Weakens the penalty step by step while held-out views gain by it, or, without such views, while the misfit of
+    /// the pictures is larger than their noise (Morozov's discrepancy principle).
+    fn descend_regularized(
         &mut self,
         start: Vec<f32>,
         penalty: f64,
         limit: u32,
         watch: &mut impl FnMut(f64, Option<f64>) -> ControlFlow<()>,
     ) -> Solved {
-        let unit = self.pictures_weight();
+        let unit = self.data_weight();
         let neighbours = Neighbours::new(&self.topology);
         let depths = Depths::new(&self.train, &mut self.projector);
-        let rough = Rough::new(depths, &neighbours, penalty * unit);
-        let mut solver = Solver::new(rough, &mut self.smoother, &self.unknown, start).robust(self.robust);
+        let regularized = Tikhonov::new(depths, &neighbours, penalty * unit);
+        let mut solver = Solver::new(regularized, &mut self.smoother, &self.unknown, start).robust(self.robust);
         let blind = &self.train[..self.train.len().min(MISFITS)];
         let judges = if self.held_out.is_empty() { blind } else { &self.held_out };
         let weaker = WEAKEST.powf(1.0 / f64::from((limit / NOISY_STEP).max(2) - 1)).min(WEAKER);
@@ -221,9 +221,9 @@ impl Level {
         Solved { voxels, score, falling: false, stopped }
     }
 
-    /// Weight of the pictures in the difference of a voxel that is independent of its neighbours: the mean of the diagonal
-    /// of `AᵀWA` over that of the penalty, by one probe of random signs (Hutchinson 1990).
-    fn pictures_weight(&mut self) -> f64 {
+    /// Weight of the pictures in the difference of a voxel that is independent of its neighbours: the mean of the
+    /// diagonal of `AᵀWA` over that of the penalty, by one probe of random signs (Hutchinson 1990).
+    fn data_weight(&mut self) -> f64 {
         let sign = |i: usize| if (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 63 == 0 { 1.0 } else { -1.0 };
         let probe: Vec<f32> = self.unknown.iter().enumerate().map(|(i, u)| if *u { sign(i) } else { 0.0 }).collect();
         let unknowns = self.unknown.iter().filter(|u| **u).count();

@@ -60,8 +60,8 @@ impl Cost {
             let fits = (ACCUMULATED / (survey.bricks * each).max(1.0)).clamp(2.0, 16.0);
             fits.log2().floor().exp2() * each
         };
-        // Gathered voxels, solver vectors, starts and bests, the prior's scratch, confidence.
-        let density = stored + accumulators(stored) + 15.0 * owned + 1100.0;
+        // Gathered voxels, solver vectors, starts and bests, the scratch of prior and penalty, confidence.
+        let density = stored + accumulators(stored) + 16.0 * owned + 1100.0;
         let brick = match method {
             Method::Cg => density,
             Method::Descent => 2.0 * stored + accumulators(stored) + 10.0 * owned + 1100.0,

@@ -5,4 +5,4 @@ pub mod emission;
 pub mod observation;
 pub mod plane;
 pub mod projector;
-pub mod shown;
+pub mod silhouette;

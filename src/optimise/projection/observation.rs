@@ -4,8 +4,8 @@
 //! optical depth, follows from the picture alone: `T = Σ (L - c)(b - c) / Σ (b - c)²`. Absorption is
 //! `c = 0`. Reconstruction is then linear in the unknown densities.
 
-use super::plane::{Plane, Sums};
-use super::shown::{Nothing, shown};
+use super::plane::{Plane, SummedAreaTable};
+use super::silhouette::{EmptyPixels, silhouette};
 use crate::error::{Error, Result};
 use crate::scene::camera::Camera;
 use crate::scene::film::Film;
@@ -69,15 +69,16 @@ const TRUST: std::ops::RangeInclusive<f64> = 1.0..=60.0;
 /// Noise in the transmittance from which on pictures count as noisy. Detail of a pixel's size responds to
 /// the estimate too, up to half of this.
 const NOISY: f64 = 8e-3;
-/// Optical depth below which a pixel is empty where some have the background's very color: a few roundings of `f32` near 1.
+/// Optical depth below which a pixel is empty where some have the background's very color: a few roundings of `f32`
+/// near 1.
 const EMPTY: f64 = 2e-6;
 /// Noise in radiance below which channels count as equally exact, relative to the contrast.
 const EXACT: f64 = 1e-3;
 
 impl Observation {
     /// Reads transmittances off the pictures; `background` is the radiance behind the medium and
-    /// `source` that of the medium itself. Channels count by their contrast and their noise, alpha among them where it is
-    /// the more exact.
+    /// `source` that of the medium itself. Channels count by their contrast and their noise, alpha among them where it
+    /// is the more exact.
     ///
     /// # Errors
     /// If no channel tells the medium from the background, or a picture is mostly not finite.
@@ -91,8 +92,14 @@ impl Observation {
             return Self::of(photos, &readings.collect::<Vec<_>>());
         }
         if opaque {
-            return Err(Error::invalid("medium and background have the same color, and alpha is 1 in all pixels: the pictures do not show the medium")
-                .hint("render on a background of another color than the medium's, stated as `background` in transforms.json, or with alpha"));
+            return Err(Error::invalid(
+                "medium and background have the same color, and alpha is 1 in all pixels: the pictures do not show the \
+                 medium",
+            )
+            .hint(
+                "render on a background of another color than the medium's, stated as `background` in transforms.json, \
+                 or with alpha",
+            ));
         }
         Self::by_alpha(photos)
     }
@@ -125,25 +132,27 @@ impl Observation {
     }
 
     fn of(photos: &[Photo], readings: &[Reading]) -> Result<Self> {
-        let looks: Vec<Look> =
-            photos.par_iter().zip(readings).map(|(photo, reading)| Look::new(photo, *reading)).collect();
-        for (photo, look) in photos.iter().zip(&looks) {
+        let statistics: Vec<PictureStatistics> =
+            photos.par_iter().zip(readings).map(|(photo, reading)| PictureStatistics::new(photo, *reading)).collect();
+        for (photo, picture) in photos.iter().zip(&statistics) {
             let all = photo.film.rgba.len();
-            if look.bad * 10 > all {
-                return Err(Error::invalid(format!("{} of {all} pixels are NaN or infinite", look.bad))
+            if picture.bad * 10 > all {
+                return Err(Error::invalid(format!("{} of {all} pixels are NaN or infinite", picture.bad))
                     .at(&photo.name)
                     .hint("render the view again, or take it out of the capture"));
             }
         }
         let pixels: usize = photos.iter().map(|photo| photo.film.rgba.len()).sum();
-        let exact = looks.iter().map(|look| look.untouched).sum::<usize>() * 100 >= pixels;
-        let vague = looks.iter().any(|look| look.nothing.is_none());
-        let empty = if exact || !vague { EMPTY } else { haze(photos, readings) };
-        let noise = median(looks.iter().filter_map(|look| look.noise).collect()).unwrap_or(0.0);
-        let clean =
-            exact && noise < NOISY && looks.iter().all(|look| look.nothing.is_none_or(|n| n.deviation <= EMPTY));
-        let maps = photos.par_iter().zip(readings).zip(&looks);
-        let maps = maps.map(|((photo, reading), look)| look.map(photo, *reading, empty, noise, clean)).collect();
+        let exact = statistics.iter().map(|picture| picture.untouched).sum::<usize>() * 100 >= pixels;
+        let vague = statistics.iter().any(|picture| picture.empty.is_none());
+        let least_depth = if exact || !vague { EMPTY } else { haze(photos, readings) };
+        let noise = median(statistics.iter().filter_map(|picture| picture.noise).collect()).unwrap_or(0.0);
+        let clean = exact
+            && noise < NOISY
+            && statistics.iter().all(|picture| picture.empty.is_none_or(|n| n.deviation <= EMPTY));
+        let maps = photos.par_iter().zip(readings).zip(&statistics);
+        let maps =
+            maps.map(|((photo, reading), picture)| picture.map(photo, *reading, least_depth, noise, clean)).collect();
         Ok(Self { maps, clean })
     }
 }
@@ -158,8 +167,8 @@ struct Reading {
 impl Reading {
     const ALPHA: Self = Self { offset: 1.0, gains: [0.0, 0.0, 0.0, -1.0] };
 
-    /// The mean of what the color channels tell, with weights by contrast and noise; with alpha, if that is more exact and
-    /// agrees.
+    /// Averages what the color channels tell, with weights by contrast and noise; with alpha, if that is more exact
+    /// and agrees.
     fn of_colors(photo: &Photo, source: [f64; 3], contrast: [f64; 3], opaque: bool) -> Self {
         let floor = EXACT * contrast.iter().fold(0.0, |most, c| c.abs().max(most));
         let background = |c: usize| (source[c] + contrast[c]) as f32;
@@ -218,54 +227,58 @@ impl Reading {
     }
 }
 
-/// Edge of the squares over which alpha and colors are compared, and the difference of transmittances that they may have.
+/// Edge of the squares over which alpha and colors are compared, and the difference of transmittances that they may
+/// have.
 const SQUARE: usize = 8;
 const AGREED: f64 = 0.01;
 
-/// What one picture alone tells.
+/// Noise and empty pixels of one picture.
 #[derive(Debug, Clone)]
-struct Look {
+struct PictureStatistics {
     /// Pixels that are not finite.
     bad: usize,
     /// Pixels that show the background's very color.
     untouched: usize,
-    /// Opacity where nothing is.
-    nothing: Option<Nothing>,
+    /// Opacities of the empty pixels; none where there are hardly any.
+    empty: Option<EmptyPixels>,
     /// Standard deviation of the noise in the transmittance of pixels that show something.
     noise: Option<f64>,
 }
 
-impl Look {
+impl PictureStatistics {
     fn new(photo: &Photo, reading: Reading) -> Self {
         let opacity = opacity(photo, reading);
         let plane = Plane { width: photo.film.width, values: &opacity };
         Self {
             bad: opacity.iter().filter(|a| !a.is_finite()).count(),
             untouched: opacity.iter().filter(|a| f64::from(a.abs()) < EMPTY).count(),
-            nothing: Nothing::of(&Plane { values: &plane.bounded(), ..plane }),
+            empty: EmptyPixels::of(&Plane { values: &plane.bounded(), ..plane }),
             noise: plane.deviation(|a| f64::from(a.abs()) > EMPTY),
         }
     }
 
-    /// The depths of the picture; `empty` is the optical depth of nothing where there is no noise, `usual` the noise of all
-    /// pictures.
-    fn map(&self, photo: &Photo, reading: Reading, empty: f64, usual: f64, clean: bool) -> DepthMap {
-        let noisy = self.nothing.filter(|nothing| nothing.deviation > EMPTY);
+    /// Returns the depths of the picture. Without noise, less than `least_depth` is empty; `usual` is the noise of
+    /// pictures that do not tell their own.
+    fn map(&self, photo: &Photo, reading: Reading, least_depth: f64, usual: f64, clean: bool) -> DepthMap {
+        let noisy = self.empty.filter(|empty| empty.deviation > EMPTY);
         let shown_noise = self.noise.unwrap_or(usual);
         let noise = match noisy {
             // Empty pixels have no detail that could be taken for noise.
-            Some(nothing) if shown_noise < (2.0 * nothing.deviation).max(NOISY) => nothing.deviation,
+            Some(pixels) if shown_noise < (2.0 * pixels.deviation).max(NOISY) => pixels.deviation,
             _ => shown_noise,
         };
-        let exact = clean || (noisy.is_none() && noise < EXACT);
+        // Without empty pixels, less than that may be detail.
+        let exact = clean || (noisy.is_none() && noise < NOISY);
         let transmittance: Vec<f32> = photo.film.rgba.iter().map(|p| reading.transmittance(p) as f32).collect();
         let (depth, weight) = depths(&Plane { width: photo.film.width, values: &transmittance }, noise, exact);
         let shown = match noisy {
-            Some(nothing) => {
+            Some(pixels) => {
                 let opacity = opacity(photo, reading);
-                shown(&Plane { width: photo.film.width, values: &opacity }, nothing)
+                silhouette(&Plane { width: photo.film.width, values: &opacity }, pixels)
             }
-            None => transmittance.iter().zip(&depth).map(|(t, d)| !t.is_finite() || f64::from(*d) > empty).collect(),
+            None => {
+                transmittance.iter().zip(&depth).map(|(t, d)| !t.is_finite() || f64::from(*d) > least_depth).collect()
+            }
         };
         DepthMap {
             camera: photo.camera,
@@ -284,9 +297,9 @@ impl Look {
 
 /// Optical depths of transmittances and their weights.
 ///
-/// The logarithm of a transmittance with noise of deviation σ is too large by σ²/2T² on average, and has no value where
-/// noise makes it negative. Where σ counts, the depth is linearised about that of the mean transmittance around, T₀: it is
-/// `1 - ln T₀ - T/T₀`, whose mean is right.
+/// The negative logarithm of a transmittance with noise of deviation σ is too large by σ²/2T² on average, and has no
+/// value where noise makes T negative. Where σ counts, the depth is linearised about that of the mean transmittance
+/// around, T₀: it is `1 - ln T₀ - T/T₀`, whose mean is right.
 fn depths(transmittance: &Plane<'_>, noise: f64, exact: bool) -> (Vec<f32>, Vec<f32>) {
     let trust = (OWN_ERROR / noise.max(1e-12)).clamp(*TRUST.start(), *TRUST.end());
     let limit = (-OPAQUE).exp();
@@ -294,7 +307,7 @@ fn depths(transmittance: &Plane<'_>, noise: f64, exact: bool) -> (Vec<f32>, Vec<
         let relative = trust * t.max(limit);
         (relative * relative / (1.0 + relative * relative)) as f32
     };
-    let sums = (!exact).then(|| Sums::new(transmittance));
+    let sums = (!exact).then(|| SummedAreaTable::new(transmittance));
     let measured = |(i, t): (usize, &f32)| {
         let t = f64::from(*t);
         if !t.is_finite() {
@@ -399,8 +412,8 @@ impl DepthMap {
     }
 }
 
-/// Returns the distance from 1 up to which a transmittance counts as that of an empty pixel, where no pixel is exactly the
-/// background: three times the distance that a tenth of all pixels stay within, at least [`EMPTY`].
+/// Returns the distance from 1 up to which a transmittance counts as that of an empty pixel, where no pixel is exactly
+/// the background: three times the distance that a tenth of all pixels stay within, at least [`EMPTY`].
 fn haze(photos: &[Photo], readings: &[Reading]) -> f64 {
     let distances = photos.iter().zip(readings).flat_map(|(photo, reading)| opacity(photo, *reading));
     let mut distances: Vec<f32> = distances.map(f32::abs).filter(|d| d.is_finite()).collect();

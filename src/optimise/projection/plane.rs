@@ -78,15 +78,15 @@ impl Plane<'_> {
 
 /// A summed-area table of a plane, and of how many pixels say something.
 #[derive(Debug)]
-pub struct Sums {
+pub struct SummedAreaTable {
     width: usize,
     height: usize,
     sums: Vec<f64>,
     counts: Vec<u32>,
 }
 
-impl Sums {
-    /// Of all values that are finite.
+impl SummedAreaTable {
+    /// Sums all values that are finite.
     pub fn new(plane: &Plane<'_>) -> Self {
         let (width, height) = (plane.width, plane.height());
         let entries = (width + 1) * (height + 1);

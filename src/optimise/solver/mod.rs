@@ -3,5 +3,5 @@
 pub mod adam;
 pub mod ascent;
 pub mod conjugate;
-pub mod rough;
 pub mod smoother;
+pub mod tikhonov;
