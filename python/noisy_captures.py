@@ -1,17 +1,20 @@
-"""Captures with noise: what `cumulo reconstruct density` finds in them by default.
+"""Captures with noise and wrong cameras: what `cumulo reconstruct density` finds in them by default.
 
-    noisy_captures.py FOLDER [--volumes NAME ...] [--noises SIGMA ...] [--kinds KIND ...] [--views N] [--size N]
-                      [--keep]
+    noisy_captures.py FOLDER [--volumes NAME ...] [--noises SIGMA ...] [--kinds KIND ...] [--turned DEGREES ...]
+                      [--views N] [--size N] [--keep]
 
 Three volumes of 128^3 voxels, a smoke, a textured cloud and opaque boxes, in pictures by absorption on a white
 background without alpha. Gaussian noise of the given deviations is added to the colors of every pixel (`plain`), which
-is then cut at black and white and rounded to 8 bits (`cut`), or the exact alpha is kept beside it (`alpha`). The
-cameras are exact, no bounds are given, and the lattice is not stated. A row has the decibels of the volume (of a peak
-of 1), those of the held-out view, which has noise, too, the unknown voxels and the seconds.
+is then cut at black and white and rounded to 8 bits (`cut`), or the exact alpha is kept beside it (`alpha`). No bounds
+are given, and the lattice is not stated. Cameras are exact, or turned by random angles of that deviation and moved by
+as large a share of their distance; these captures are reconstructed as they are, and with `--refine-cameras`. A row has
+the decibels of the volume (of a peak of 1), those of the held-out view, which has noise, too, the unknown voxels and
+the seconds.
 Needs numpy and OpenEXR (`peers/requirements-denoisers.txt`). CUMULO is the program, `cumulo` by default.
 """
 
 import argparse
+import itertools
 import json
 import os
 import pathlib
@@ -94,6 +97,30 @@ def with_noise(clean, folder, sigma, kind):
         OpenEXR.File(header, {n: OpenEXR.Channel(n, channels[n].astype(np.float32)) for n in names}).write(str(path))
 
 
+def turn(folder, degrees):
+    """Turns the cameras of a capture by random rotation vectors, and moves them."""
+    path, random = folder / "transforms.json", np.random.default_rng(2)
+    capture = json.loads(path.read_text())
+    for frame in capture["frames"]:
+        matrix = np.array(frame["transform_matrix"])
+        x, y, z = np.radians(degrees) / np.sqrt(3) * random.standard_normal(3)
+        left, _, right = np.linalg.svd(np.eye(3) + np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]))
+        matrix[:3, :3] = left @ right @ matrix[:3, :3]
+        shift = np.radians(degrees) / np.sqrt(3) * random.standard_normal(3)
+        matrix[:3, 3] += np.linalg.norm(matrix[:3, 3]) * shift
+        frame["transform_matrix"] = matrix.tolist()
+    path.write_text(json.dumps(capture))
+
+
+def reconstruct(capture, found, vdb, words):
+    """Reconstructs and compares: a row's figures."""
+    begun = time.monotonic()
+    report = json.loads(cumulo("reconstruct", "density", capture, "-o", found, "--json", *words))
+    seconds = time.monotonic() - begun
+    [grid] = json.loads(cumulo("diff", vdb, found, "--grid", "density", "--json"))["grids"]
+    return f"{grid['psnr_db']:9.1f} {report['held_out_psnr_db']:12.1f} {report['unknowns']:9} {seconds:8.0f}"
+
+
 def main():
     """Makes the volumes and their captures, adds noise, reconstructs, compares."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -101,33 +128,32 @@ def main():
     parser.add_argument("--volumes", nargs="+", default=["smoke", "cloud", "boxes"])
     parser.add_argument("--noises", nargs="+", type=float, default=[0, 0.001, 0.005, 0.01, 0.05])
     parser.add_argument("--kinds", nargs="+", choices=["plain", "cut", "alpha"], default=["plain"])
+    parser.add_argument("--turned", nargs="+", type=float, default=[0], help="degrees by which cameras are turned")
     parser.add_argument("--views", type=int, default=64)
     parser.add_argument("--size", type=int, default=128, help="edge of the pictures in pixels")
     parser.add_argument("--keep", action="store_true", help="keep the captures with noise")
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
-    print("volume  noise   kind    volume dB  held out dB  unknowns  seconds")
+    print("volume  noise   kind    cameras         volume dB  held out dB  unknowns  seconds")
     for name in asked.volumes:
         vdb, clean = volume(name, asked.folder), asked.folder / f"{name}-clean"
         size = f"{asked.size}x{asked.size}"
         cumulo("render", vdb, "--views", asked.views, "--size", size, "--density-scale", "auto", "-o", clean)
-        for kind in asked.kinds:
-            for sigma in asked.noises:
-                capture, found = asked.folder / f"{name}-{kind}-{sigma}", asked.folder / f"{name}-found.vdb"
-                with_noise(clean, capture, sigma, kind)
-                begun = time.monotonic()
+        for kind, sigma, turned in itertools.product(asked.kinds, asked.noises, asked.turned):
+            capture, found = asked.folder / f"{name}-{kind}-{sigma}-{turned}", asked.folder / f"{name}-found.vdb"
+            with_noise(clean, capture, sigma, kind)
+            ways = {"exact": []}
+            if turned > 0:
+                turn(capture, turned)
+                ways = {f"{turned} given": [], f"{turned} refined": ["--refine-cameras"]}
+            for cameras, words in ways.items():
+                row = f"{name:7} {sigma:<7} {kind:7} {cameras:14}"
                 try:
-                    report = json.loads(cumulo("reconstruct", "density", capture, "-o", found, "--json"))
+                    print(row, reconstruct(capture, found, vdb, words), flush=True)
                 except RuntimeError as error:
-                    print(f"{name:7} {sigma:<7} {kind:7} {error}", file=sys.stderr)
-                    continue
-                seconds = time.monotonic() - begun
-                [grid] = json.loads(cumulo("diff", vdb, found, "--grid", "density", "--json"))["grids"]
-                held_out, unknowns = report["held_out_psnr_db"], report["unknowns"]
-                figures = f"{grid['psnr_db']:9.1f} {held_out:12.1f} {unknowns:9} {seconds:8.0f}"
-                print(f"{name:7} {sigma:<7} {kind:7} {figures}", flush=True)
-                if not asked.keep:
-                    shutil.rmtree(capture)
+                    print(row, error, file=sys.stderr)
+            if not asked.keep:
+                shutil.rmtree(capture)
 
 
 if __name__ == "__main__":

@@ -61,6 +61,10 @@ impl Aabb {
     pub fn centre(&self) -> DVec3 {
         0.5 * (self.min + self.max)
     }
+    /// Corners of the box of half the size around the same centre.
+    pub fn inner_corners(&self) -> [DVec3; 8] {
+        self.corners().map(|corner| corner.midpoint(self.centre()))
+    }
     /// The eight corners; bits 0, 1 and 2 of the index choose the upper end along x, y and z.
     pub fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|i| {

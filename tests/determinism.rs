@@ -11,6 +11,7 @@ use cumulo::optimise::density::{self, Request};
 use cumulo::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
 use cumulo::optimise::projection::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::projection::projector::Projector;
+use cumulo::optimise::refinement;
 use cumulo::optimise::region::hull::Hull;
 use cumulo::render;
 use cumulo::render::composited::Composited;
@@ -178,30 +179,49 @@ fn the_projector() {
     });
 }
 
+fn request(field: &Bricks<f32>, observation: &Observation) -> Request {
+    Request {
+        lattice: field.transform,
+        bounds: Hull::new(observation).bounds().unwrap(),
+        medium: MEDIA[0].clone(),
+        background: [1.0; 3],
+        rays_per_edge: 1,
+        held_out: vec![4],
+        iterations: 6,
+        smoothing: None,
+        robust: true,
+        prior: None,
+        init: None,
+        max_memory: 1 << 30,
+        cancel: Cancel::NEVER,
+        closing: Cancel::NEVER,
+    }
+}
+
 #[test]
 fn a_whole_reconstruction() {
     let (field, cameras) = scene();
     let observation = Observation::new(&photos(&field, &cameras, MEDIA[0].clone()), [1.0; 3], [0.0; 3]).unwrap();
     alike("reconstruction", || {
-        let request = Request {
-            lattice: field.transform,
-            bounds: Hull::new(&observation).bounds().unwrap(),
-            medium: MEDIA[0].clone(),
-            background: [1.0; 3],
-            rays_per_edge: 1,
-            held_out: vec![4],
-            iterations: 6,
-            smoothing: None,
-            robust: true,
-            prior: None,
-            init: None,
-            max_memory: 1 << 30,
-            cancel: Cancel::NEVER,
-            closing: Cancel::NEVER,
-        };
+        let request = request(&field, &observation);
         let outcome = density::reconstruct(&observation, &request, |_| ControlFlow::Continue(())).unwrap();
         let losses: Vec<u64> = outcome.history.iter().map(|s| s.loss.to_bits()).collect();
         (outcome.field.to_grid("density"), losses, outcome.train_psnr_db.to_bits())
+    });
+}
+
+#[test]
+fn refined_cameras() {
+    let (field, mut cameras) = scene();
+    let mut photos = photos(&field, &cameras, MEDIA[0].clone());
+    cameras[2].centre.x += 1.5;
+    photos[2].camera = cameras[2];
+    let observation = Observation::new(&photos, [1.0; 3], [0.0; 3]).unwrap();
+    alike("refinement", || {
+        let request = request(&field, &observation);
+        let refined = refinement::refine(&observation, &request, true, |_| ControlFlow::Continue(())).unwrap();
+        let numbers = refined.iter().flat_map(|c| c.camera_to_world.to_cols_array().into_iter().chain([c.focal.x]));
+        numbers.map(f64::to_bits).collect::<Vec<_>>()
     });
 }
 

@@ -4,6 +4,10 @@
 
 mod work;
 
+use cumulo::formats::transforms;
+use cumulo::optimise::refinement::gauge;
+use cumulo::scene::camera::{Camera, CameraGradient};
+use glam::DVec3;
 use serde_json::Value;
 use work::{Work, density, errors, fixture, interrupt, until};
 
@@ -230,6 +234,77 @@ fn noise_needs_no_bounds() {
         // Of a region 1.3 times as wide, 2.2 times as many.
         assert!((0.6..2.2).contains(&unknowns), "noise {sigma}: {unknowns} times the unknowns");
     }
+}
+
+/// Changes the cameras of the capture 'cap', and returns them as they were.
+fn change_cameras(work: &Work, mut change: impl FnMut(&mut Camera)) -> Vec<Camera> {
+    let json = work.path("cap/transforms.json");
+    let mut capture = transforms::load(&json).unwrap();
+    let exact = capture.frames.iter().map(|frame| frame.camera).collect();
+    capture.frames.iter_mut().for_each(|frame| change(&mut frame.camera));
+    transforms::save(&json, &capture, &serde_json::Map::new()).unwrap();
+    exact
+}
+
+/// Turns and moves every camera by random vectors of that length on average, in degrees and in as large a share of the
+/// distance.
+fn disturb_cameras(work: &Work, degrees: f64) -> Vec<Camera> {
+    let mut state = 3_u64;
+    let mut uniform = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+    };
+    // Components of a deviation of 1 / sqrt(12) make a vector of half a unit.
+    let mut vector = move || 2.0 * degrees.to_radians() * DVec3::new(uniform(), uniform(), uniform());
+    change_cameras(work, |camera| {
+        let (rotation, position) = (vector(), camera.position().length() * vector());
+        *camera = camera.moved(&CameraGradient { rotation, position, ..CameraGradient::default() });
+    })
+}
+
+fn warns_of_displacement(report: &Value) -> bool {
+    report["warnings"].as_array().unwrap().iter().any(|w| w["do"].as_str().unwrap().contains("--refine-cameras"))
+}
+
+/// Root mean square of the angles between cameras in degrees, but for a motion of the whole scene.
+fn degrees_apart(work: &Work, exact: &[Camera]) -> f64 {
+    let mut found: Vec<Camera> =
+        transforms::load(&work.path("found.cameras.json")).unwrap().frames.iter().map(|frame| frame.camera).collect();
+    gauge::align(&mut found, exact, DVec3::ZERO);
+    let squares = found.iter().zip(exact).map(|(a, b)| gauge::rotation(a, b).length_squared());
+    (squares.sum::<f64>() / exact.len() as f64).sqrt().to_degrees()
+}
+
+/// Cameras that are off are warned of, and found together with the volume, which is as good then as with exact ones.
+#[test]
+fn cameras_are_refined_with_the_volume() {
+    let exact = with_pictures(24, 64);
+    let report = exact.json("reconstruct density cap -o found.vdb --resolution 48");
+    assert!(!warns_of_displacement(&report), "{report}");
+    let best = exact.volume_psnr("found.vdb");
+    for degrees in [0.1, 0.3, 1.0] {
+        let work = with_pictures(24, 64);
+        let cameras = disturb_cameras(&work, degrees);
+        let report = work.json("reconstruct density cap -o found.vdb --resolution 48");
+        assert!(warns_of_displacement(&report), "{degrees}: {report}");
+        let plain = work.volume_psnr("found.vdb");
+        let report = work.json("reconstruct density cap -o found.vdb --resolution 48 --refine-cameras --report page");
+        let (refined, apart) = (work.volume_psnr("found.vdb"), degrees_apart(&work, &cameras));
+        eprintln!("{degrees} degrees: {plain:.2} dB, refined {refined:.2} of {best:.2} dB, {apart:.4} degrees");
+        assert!(!warns_of_displacement(&report), "{degrees}: {report}");
+        assert_eq!(report["cameras"]["motions"].as_array().unwrap().len(), 24);
+        assert!(apart < 0.1 && refined > plain.max(best - 2.0), "{degrees}: {apart} degrees, {refined} of {best} dB");
+    }
+}
+
+#[test]
+fn a_common_focal_length_is_refined() {
+    let work = with_pictures(24, 64);
+    change_cameras(&work, |camera| camera.focal *= 1.01);
+    let report = work.json("reconstruct density cap -o found.vdb --resolution 48 --refine-cameras=focal");
+    let factor = number(&report["cameras"], "focal_factor");
+    eprintln!("focal length times {factor:.5}");
+    assert!((factor * 1.01 - 1.0).abs() < 5e-3, "{factor}");
 }
 
 /// The more exact of alpha and colors tells the densities.

@@ -171,7 +171,7 @@ class Reconstruction(Report):
     """A reconstruction: a VDB of densities or of a pre-shaded volume.
 
     PSNRs are of pictures (peak 1); `held_out` lists the views that were not fitted. `stopped`: by Ctrl-C,
-    with what there was written. `history` has the loss by iteration.
+    with what there was written. `cameras` tells how far refined cameras moved. `history` has the loss by iteration.
     """
 
     capture: pathlib.Path
@@ -191,6 +191,7 @@ class Reconstruction(Report):
     voxel_size: tuple[float, ...]
     unknowns: int
     expected: dict[str, Any] | None = None
+    cameras: dict[str, Any] | None = None
     warnings: list[Caution] = dataclasses.field(default_factory=list)
     report: pathlib.Path | None = None
     stages: list[Stage] = dataclasses.field(default_factory=list)

@@ -67,6 +67,9 @@ pub struct Run {
     /// Cost that was expected before the work.
     #[serde(default)]
     pub expected: Option<Cost>,
+    /// Cameras that were refined, if `--refine-cameras` asks for it.
+    #[serde(default)]
+    pub cameras: Option<RefinedCameras>,
     /// Contradictions between pictures and model, found before and after the work.
     #[serde(default)]
     pub warnings: Vec<Warning>,
@@ -79,6 +82,60 @@ pub struct Run {
     pub history: Vec<Step>,
     /// Version, command line and hashes of the inputs.
     pub provenance: Provenance,
+}
+
+/// How cameras were refined.
+#[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
+pub struct RefinedCameras {
+    /// Path of the capture that was written with the refined cameras.
+    #[serde(serialize_with = "crate::cli::paths::text")]
+    pub capture: PathBuf,
+    /// Focal length divided by that of the capture; none if it was not to be found.
+    pub focal_factor: Option<f64>,
+    /// How far each camera moved, in the order of the capture's frames.
+    pub motions: Vec<CameraMotion>,
+}
+
+/// How far a camera moved in its refinement.
+#[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
+pub struct CameraMotion {
+    /// File name of its picture.
+    pub picture: String,
+    /// Angle in degrees between the camera's axes before and after.
+    pub rotated_degrees: f64,
+    /// Distance between the positions before and after, in percent of the distance to the region's centre.
+    pub moved_percent: f64,
+    /// Displacement of the volume in the picture, in pixels (root mean square over the region).
+    pub displaced_pixels: f64,
+}
+
+impl RefinedCameras {
+    /// Returns the displacement of the pictures in pixels, a root mean square over all cameras.
+    pub fn displaced_pixels(&self) -> f64 {
+        self.mean(|motion| motion.displaced_pixels)
+    }
+
+    fn mean(&self, of: fn(&CameraMotion) -> f64) -> f64 {
+        let sum: f64 = self.motions.iter().map(|motion| of(motion).powi(2)).sum();
+        (sum / self.motions.len().max(1) as f64).sqrt()
+    }
+}
+
+impl fmt::Display for RefinedCameras {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [degrees, percent] = [self.mean(|m| m.rotated_degrees), self.mean(|m| m.moved_percent)];
+        let pixels = self.displaced_pixels();
+        writeln!(f, "  cameras        {}", self.capture.display())?;
+        writeln!(f, "    moved by {degrees:.3} degrees, {percent:.3} % of their distance, {pixels:.2} pixels (rms)")?;
+        let farthest = self.motions.iter().max_by(|a, b| a.displaced_pixels.total_cmp(&b.displaced_pixels));
+        if let Some(CameraMotion { picture, displaced_pixels, .. }) = farthest {
+            writeln!(f, "    farthest {picture}: {displaced_pixels:.2} pixels")?;
+        }
+        match self.focal_factor {
+            Some(factor) => writeln!(f, "    focal length times {factor:.6}"),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Returns the number of rays along each edge of a pixel that its filter is sampled with.
@@ -121,6 +178,9 @@ impl fmt::Display for Run {
         }
         if let Some(psnr) = self.held_out_psnr_db {
             writeln!(f, "  held-out views {psnr:.2} dB ({})", self.held_out.len())?;
+        }
+        if let Some(cameras) = &self.cameras {
+            write!(f, "{cameras}")?;
         }
         if let Some(mb) = self.peak_memory_mb {
             writeln!(f, "  peak memory    {mb:.0} MB")?;

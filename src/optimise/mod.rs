@@ -4,6 +4,7 @@
 //! projection ──▶ region ──▶ solver ──▶ density, color        (optical depths, emissions: linear)
 //! gradient, loss ─────────▶ solver ──▶ density, transfer     (through a transfer function, by descent)
 //! gradient ───────────────▶ solver ──▶ pose, viewpoint       (cameras)
+//! density, pose ────────────────────▶ refinement            (cameras and densities together)
 //! plausibility: contradictions of the model, before and after   study: any derivative, and its check
 //! ```
 
@@ -14,6 +15,7 @@ pub mod loss;
 pub mod plausibility;
 pub mod pose;
 pub mod projection;
+pub mod refinement;
 pub mod region;
 pub mod solver;
 pub mod study;

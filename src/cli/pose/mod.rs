@@ -16,6 +16,7 @@ use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::{Emission, Warning};
 use crate::optimise::pose::{self, Colors, PoseEstimate, Request, levels};
 use crate::optimise::projection::observation::Photo;
+use crate::optimise::refinement::gauge::rotation;
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::bricks::Bricks;
@@ -24,7 +25,7 @@ use crate::scene::capture::{Capture, Frame, Model};
 use crate::scene::scene::Scene;
 use crate::scene::transfer::Transfer;
 use crate::scene::volume::Grids;
-use glam::{DMat3, DQuat, DVec3};
+use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Map, json};
 use std::fmt;
@@ -90,7 +91,7 @@ struct CameraReport {
     rms_before: f64,
     /// RMS difference of the colors between picture and render, with the camera that the search ended with.
     rms_after: f64,
-    /// Returns the angle in degrees between the camera's axes before and after.
+    /// Angle in degrees between the camera's axes before and after.
     rotated_degrees: f64,
     /// Distance between the positions before and after, in percent of the distance to the volume's centre.
     moved_percent: f64,
@@ -368,9 +369,7 @@ fn unexplained(poses: &[PoseEstimate]) -> Option<Warning> {
 /// Returns the angle in degrees between two cameras' axes, and the distance between them in percent of the distance of the first one
 /// to `centre`.
 fn apart(a: &Camera, b: &Camera, centre: DVec3) -> (f64, f64) {
-    let axes = |c: &Camera| DMat3::from_mat4(c.camera_to_world);
-    let turn = DQuat::from_mat3(&(axes(b) * axes(a).transpose()));
-    let degrees = 2.0 * turn.xyz().length().atan2(turn.w.abs()).to_degrees();
+    let degrees = rotation(a, b).length().to_degrees();
     let distance = a.position().distance(centre).max(f64::MIN_POSITIVE);
     (degrees, 100.0 * a.position().distance(b.position()) / distance)
 }

@@ -7,11 +7,14 @@ use crate::optimise::density::confidence::{Group, confidence};
 use crate::optimise::density::descent::ForwardModel;
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::Warning;
+use crate::optimise::plausibility::displacement::{self, displacements};
 use crate::optimise::plausibility::residuals::Residuals;
+use crate::optimise::pose::Colors;
 use crate::optimise::projection::observation::Photo;
 use crate::optimise::study::subject::Subject;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
+use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::{Bricks, Voxel};
@@ -53,7 +56,11 @@ pub fn of_densities(
     let model = ForwardModel { medium: &request.medium, background: request.background, quadrature };
     let renderer = model.renderer(field)?;
     let deviation = PRIOR_DEVIATION * range(field, &request.medium.source);
-    Ok(fit.grids(&renderer, &[(&[0], deviation)], &[name], tick))
+    let (grids, mut warnings) = fit.grids(&renderer, &[(&[0], deviation)], &[name], tick);
+    if let Source::Grey(_) = request.medium.source {
+        warnings.extend(fit.displacement_warning(&renderer));
+    }
+    Ok((grids, warnings))
 }
 
 /// Measures the confidences of a pre-shaded volume, as a grid beside that of the extinctions and one beside that of the
@@ -93,6 +100,14 @@ impl Fit<'_> {
         let Request { held_out, rays_per_edge, cancel, .. } = self.request;
         let residuals = Residuals::new(renderer, self.photos, held_out, *rays_per_edge, *cancel);
         residuals.map(|r| r.warnings()).unwrap_or_default()
+    }
+
+    fn displacement_warning(self, renderer: &Composited<Dvr<'_, f32>>) -> Option<Warning> {
+        let Request { medium, background, bounds, rays_per_edge, cancel, .. } = self.request;
+        let colors = Colors::of(medium, *background);
+        let displacements =
+            displacements(renderer, self.photos, &colors, &bounds.inner_corners(), *rays_per_edge, *cancel);
+        displacement::warning(&displacements, self.photos)
     }
 
     /// Returns the training views.

@@ -2,7 +2,8 @@
 
 use super::capture::LoadedCapture;
 use super::confidence::{self, Fit};
-use super::region::Region;
+use super::refinement::RefineCameras;
+use super::region::{Region, Unknowns};
 use super::volume::{Measurements, Solved, VolumeTask};
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
@@ -45,6 +46,8 @@ pub struct Density {
     output: PathBuf,
     #[command(flatten)]
     region: Region,
+    #[command(flatten)]
+    refinement: RefineCameras,
     #[command(flatten)]
     transfer: TransferOption,
     /// Start from this volume
@@ -183,6 +186,7 @@ impl Density {
         let task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), &self.memory)?;
         let input = self.input(task.limits)?;
         let solver = self.solver(&input.capture)?;
+        let cameras = self.refinement.output(&self.output, &input.capture)?;
         let views = input.capture.frames.len();
         let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
 
@@ -192,14 +196,25 @@ impl Density {
                 "the pictures show scattered light: the densities are those that alpha tells, whatever the colors are",
             );
         }
-        let measurements = work.measure(&self.region, Emission::Stated, observe)?;
-        if let Some([least, most]) = measurements.observation.noise() {
+        let (mut photos, mut observation) = work.read(Emission::Stated, observe)?;
+        if let Some([least, most]) = observation.noise() {
             let percent = |noise: f64| format!("{:.2} %", 100.0 * noise);
             let (least, most) = (percent(least), percent(most));
             output
                 .note(format!("noise of the transmittances: {least} in the clearest picture, {most} in the noisiest"));
         }
-        let request = self.request(&work, &measurements, solver, held_out);
+        if let Some(path) = cameras {
+            let request = |work: &VolumeTask<'_>, observation: &Observation, unknowns: &Unknowns| {
+                self.request(work, observation, unknowns, solver, Vec::new())
+            };
+            let refined =
+                self.refinement.refine(&mut work, path, &self.region, &mut photos, &mut observation, output, request);
+            if let Err(code) = ended(refined)? {
+                return Ok(code);
+            }
+        }
+        let measurements = work.measure(&self.region, photos, observation)?;
+        let request = self.request(&work, &measurements.observation, &measurements.unknowns, solver, held_out);
         let request = request.map_err(|e| e.at(&work.input.json))?;
         let steps = solver.most_iterations(&measurements, &request);
         work.plan(&measurements, &request, solver.method(), steps)?;
@@ -263,12 +278,12 @@ impl Density {
     fn request(
         &self,
         work: &VolumeTask<'_>,
-        measurements: &Measurements,
+        observation: &Observation,
+        unknowns: &Unknowns,
         solver: DensitySolver,
         held_out: Vec<usize>,
     ) -> Result<Request> {
         let (task, capture) = (&work.task, &work.input.capture);
-        let Measurements { observation, unknowns, .. } = measurements;
         let previous = (self.resume && self.output.exists()).then_some(&self.output);
         let init = self.init.as_ref().or(previous);
         let init = init.map(|path| protected::unprotected(path, || volume(path, task.limits))).transpose()?;

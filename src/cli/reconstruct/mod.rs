@@ -4,6 +4,7 @@ mod capture;
 mod color;
 mod confidence;
 mod density;
+mod refinement;
 mod region;
 mod stages;
 mod tf;

@@ -1,11 +1,12 @@
 //! The reconstruction of voxels: the steps from pictures to report that densities and pre-shaded volumes share.
 
 use super::capture::LoadedCapture;
+use super::refinement;
 use super::region::{Region, Unknowns};
 use super::stages::StageClock;
 use crate::cli::output::Output;
 use crate::cli::photos;
-use crate::cli::run::{self, Run, Solver};
+use crate::cli::run::{self, RefinedCameras, Run, Solver};
 use crate::cli::task::Task;
 use crate::error::Result;
 use crate::optimise::density::{Request, Stage, Step};
@@ -34,6 +35,7 @@ pub(super) struct VolumeTask<'t> {
     clock: StageClock,
     warnings: Vec<Warning>,
     expected: Option<Cost>,
+    refined: Option<RefinedCameras>,
 }
 
 /// Pictures with their optical depths, and the voxels that they are to determine.
@@ -71,24 +73,49 @@ impl<'t> VolumeTask<'t> {
         layer: Option<&'t str>,
         output: &'t Output,
     ) -> Self {
-        Self { task, input, vdb, layer, output, clock: StageClock::start(), warnings: Vec::new(), expected: None }
+        Self {
+            task,
+            input,
+            vdb,
+            layer,
+            output,
+            clock: StageClock::start(),
+            warnings: Vec::new(),
+            expected: None,
+            refined: None,
+        }
     }
 
-    /// Reads the pictures, takes their optical depths with `observe` and chooses the unknown voxels. `observe` may put what
-    /// the reconstruction is to explain in the place of pictures and capture.
+    /// Reads the pictures, and takes their optical depths with `observe`, which may put what the reconstruction is to
+    /// explain in the place of pictures and capture.
     ///
     /// # Errors
-    /// If the pictures cannot be read or used, or leave no region for the voxels.
-    pub fn measure(
+    /// If the pictures cannot be read or used.
+    pub fn read(
         &mut self,
-        region: &Region,
         emission: Emission,
         observe: impl FnOnce(&mut [Photo], &mut Capture) -> Result<Observation>,
-    ) -> Result<Measurements> {
+    ) -> Result<(Vec<Photo>, Observation)> {
         let LoadedCapture { json, capture } = &mut self.input;
         let (mut photos, mut warnings) = self.task.photos(json, capture, emission, self.layer, self.output)?;
         self.warnings.append(&mut warnings);
         let observation = observe(&mut photos, capture).map_err(|e| e.at(json.as_path()))?;
+        Ok((photos, observation))
+    }
+
+    /// Ends the stage that read the pictures, and keeps how their cameras moved since, with the warnings about that.
+    pub fn refined(&mut self, refined: RefinedCameras, mut warnings: Vec<Warning>) {
+        self.clock.end("read pictures and refine cameras");
+        self.refined = Some(refined);
+        self.warnings.append(&mut warnings);
+    }
+
+    /// Chooses the unknown voxels of the pictures that were read.
+    ///
+    /// # Errors
+    /// If the pictures leave no region for the voxels.
+    pub fn measure(&mut self, region: &Region, photos: Vec<Photo>, observation: Observation) -> Result<Measurements> {
+        let LoadedCapture { json, capture } = &self.input;
         let mut unknowns = region.choose(capture, &observation, self.output).map_err(|e| e.at(json))?;
         self.output.warn(&unknowns.warnings);
         self.warnings.append(&mut unknowns.warnings);
@@ -100,7 +127,7 @@ impl<'t> VolumeTask<'t> {
     /// # Errors
     /// If the unknowns do not fit in memory, or no VDB can hold their lattice.
     pub fn plan(&mut self, measurements: &Measurements, request: &Request, method: Method, steps: u64) -> Result<()> {
-        self.clock.end("read pictures");
+        self.clock.end(if self.refined.is_some() { "choose the region" } else { "read pictures" });
         let pixels = measurements.photos.iter().map(|p| p.film.rgba.len() as u64).sum();
         let expected = Cost::new(method, &measurements.unknowns.survey, request, pixels, steps);
         expected.fits(request.max_memory).map_err(|e| e.at(&self.input.json))?;
@@ -159,13 +186,16 @@ impl<'t> VolumeTask<'t> {
         Ok(grids)
     }
 
-    /// Writes the VDB with `write`, which is given the provenance as metadata.
+    /// Writes the VDB with `write`, which is given the provenance as metadata, and the capture with refined cameras.
     ///
     /// # Errors
-    /// Those of `write`.
+    /// Those of `write`, or if that capture cannot be written.
     pub fn write(&mut self, write: impl FnOnce(&BTreeMap<String, MetaValue>) -> Result<()>) -> Result<()> {
         self.task.provenance.lap();
         write(&self.task.provenance.metadata())?;
+        if let Some(refined) = &self.refined {
+            refinement::write(&self.input, refined, &self.task)?;
+        }
         self.clock.end("write");
         Ok(())
     }
@@ -185,7 +215,7 @@ impl<'t> VolumeTask<'t> {
     ) -> Result<ExitCode> {
         let views = self.input.capture.frames.len();
         let run = Run {
-            capture: self.input.json,
+            capture: self.refined.as_ref().map_or(self.input.json, |refined| refined.capture.clone()),
             output: self.vdb.to_path_buf(),
             grid,
             solver,
@@ -202,6 +232,7 @@ impl<'t> VolumeTask<'t> {
             voxel_size,
             unknowns: solved.unknowns,
             expected: self.expected,
+            cameras: self.refined,
             warnings: self.warnings,
             report: None,
             stages: self.clock.into_stages(),

@@ -193,6 +193,9 @@ fn figures(run: &Run, error: Option<&VolumeError>) -> Vec<(&'static str, String)
     if let Some(psnr) = run.train_psnr_db {
         figures.push(("Used views", format!("{psnr:.2} dB")));
     }
+    if let Some(cameras) = &run.cameras {
+        figures.push(("Cameras moved by", format!("{:.2} pixels", cameras.displaced_pixels())));
+    }
     figures.push(("Time", format!("{:.1} s", run.seconds)));
     figures.push(("Iterations", run.iterations.to_string()));
     figures.push(("Unknown voxels", run.unknowns.to_string()));

@@ -7,6 +7,7 @@
 
 mod cameras;
 pub mod cost;
+pub mod displacement;
 mod pictures;
 pub mod residuals;
 

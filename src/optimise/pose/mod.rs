@@ -123,6 +123,38 @@ pub fn solve<I: Differentiable<Real = f32>>(
     targets.par_chunks(1).flat_map_iter(search).collect()
 }
 
+/// Returns the normal equations of one camera: those of its render against the colors of its picture, row-major, of
+/// which one in `stride` pixels is compared. Colors that are not finite ask for nothing.
+pub fn linearised<I: Differentiable<Real = f32>>(
+    rows: &Rows<'_, I>,
+    frame: &Frame,
+    rgba: &[[f32; 4]],
+    colors: &Colors,
+    stride: usize,
+) -> Normal {
+    let compared = |i: usize| i.is_multiple_of(stride) && rgba[i][..3].iter().all(|v| v.is_finite());
+    let Colors { losses, mix } = colors;
+    let sums = rows.fold(compared, losses, |normal: &mut Normal, i, rendered, by| {
+        let by: Vec<(Pose, f64)> = by.iter().map(|by| frame.derivative(by)).collect();
+        for c in 0..3 {
+            let row = by
+                .iter()
+                .zip(mix[c])
+                .fold((Pose::zeros(), 0.0), |(pose, focal), (by, share)| (pose + share * by.0, focal + share * by.1));
+            normal.add(&row, f64::from(rgba[i][c]) - rendered[c]);
+        }
+    });
+    sums.into_iter().sum()
+}
+
+/// Returns how far points lie apart in the pictures of two cameras: the root mean square in pixels of the first; none
+/// if neither sees one of them.
+pub fn displacement(from: &Camera, to: &Camera, points: &[DVec3]) -> Option<f64> {
+    let apart = |point: &DVec3| Some(from.project(*point)?.0.distance_squared(to.project(*point)?.0));
+    let squares: Vec<f64> = points.iter().filter_map(apart).collect();
+    (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+}
+
 /// How often a picture is halved before the search begins.
 pub fn levels(camera: &Camera) -> usize {
     let shorter = camera.width.min(camera.height);
@@ -306,18 +338,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
                 rays_per_edge: *rays_per_edge,
                 cancel: self.cancel,
             };
-            let compared = |i: usize| rgba[i][..3].iter().all(|v| v.is_finite());
-            let Colors { losses, mix } = self.request.colors;
-            let sums = rows.fold(compared, losses, |normal: &mut Normal, i, rendered, by| {
-                let by: Vec<(Pose, f64)> = by.iter().map(|by| frame.derivative(by)).collect();
-                for c in 0..3 {
-                    let row = by.iter().zip(mix[c]).fold((Pose::zeros(), 0.0), |(pose, focal), (by, share)| {
-                        (pose + share * by.0, focal + share * by.1)
-                    });
-                    normal.add(&row, f64::from(rgba[i][c]) - rendered[c]);
-                }
-            });
-            let normal: Normal = sums.into_iter().sum();
+            let normal = linearised(&rows, &frame, rgba, self.request.colors, 1);
             (normal, normal.spectrum())
         };
         cameras.par_iter().zip(&self.distances).zip(&self.pyramids).map(of).collect()

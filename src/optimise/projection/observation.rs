@@ -118,6 +118,17 @@ impl Observation {
         Self::of(photos, &vec![Reading::ALPHA; photos.len()])
     }
 
+    /// Widens all silhouettes by a thirty-second of the pictures' shorter side, and returns them as they were: cameras
+    /// that are a little off would cut one another's.
+    pub fn widen_silhouettes(&mut self) -> Vec<Vec<bool>> {
+        let widen = |map: &mut DepthMap| {
+            let before = map.shown.clone();
+            map.widen_silhouette((map.width.min(map.height) / 32).max(1));
+            before
+        };
+        self.maps.par_iter_mut().map(widen).collect()
+    }
+
     /// True if the noise of some picture has a say in what its pixels tell.
     pub fn noisy(&self) -> bool {
         self.maps.iter().any(|map| !map.exact)
@@ -363,6 +374,14 @@ impl DepthMap {
     /// True if a pixel shows something.
     pub fn shows(&self, pixel: usize) -> bool {
         self.shown[pixel] && self.weight[pixel] > 0.0
+    }
+
+    /// Counts pixels as showing something that lie within `margin` rows and columns of one that does.
+    pub fn widen_silhouette(&mut self, margin: usize) {
+        let (w, h) = (self.width, self.height);
+        let near = |i: usize, end: usize| i.saturating_sub(margin)..(i + margin + 1).min(end);
+        let rows: Vec<bool> = (0..w * h).map(|i| near(i % w, w).any(|x| self.shown[i / w * w + x])).collect();
+        self.shown = (0..w * h).map(|i| near(i / w, h).any(|y| rows[y * w + i % w])).collect();
     }
 
     /// Returns the stride of [`stride_within`] for this map.

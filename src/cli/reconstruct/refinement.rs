@@ -1,0 +1,161 @@
+//! `--refine-cameras`: cameras that are found together with the volume.
+
+use super::capture::LoadedCapture;
+use super::region::{Region, Unknowns};
+use super::volume::VolumeTask;
+use crate::cli::output::Output;
+use crate::cli::outputs::{self, Content};
+use crate::cli::run::{CameraMotion, RefinedCameras};
+use crate::cli::task::Task;
+use crate::error::Result;
+use crate::formats::{captures, transforms};
+use crate::optimise::density::Request;
+use crate::optimise::plausibility::Warning;
+use crate::optimise::plausibility::cost::{Cost, Method};
+use crate::optimise::pose::displacement;
+use crate::optimise::projection::observation::{Observation, Photo};
+use crate::optimise::refinement;
+use crate::optimise::refinement::gauge::rotation;
+use crate::scene::camera::Camera;
+use crate::scene::capture::Capture;
+use serde_json::{Map, json};
+use std::path::{Path, PathBuf};
+
+/// Options for cameras that are only nearly known.
+#[derive(Debug, clap::Args)]
+pub(super) struct RefineCameras {
+    /// Move the cameras to where all pictures agree on one volume: their positions and rotations, with focal a factor of
+    /// the focal length, too, that all share. The scene as a whole stays where the given cameras have it
+    #[arg(
+        long,
+        value_enum,
+        value_name = "WHAT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "pose",
+        conflicts_with_all = ["resume", "init"]
+    )]
+    refine_cameras: Option<Free>,
+    /// Capture (JSON) to write with the refined cameras, and the same pictures (default: OUT.cameras.json)
+    #[arg(long, value_name = "OUT.json", requires = "refine_cameras")]
+    cameras: Option<PathBuf>,
+}
+
+/// `--refine-cameras`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Free {
+    /// Position and rotation of each camera
+    Pose,
+    /// These, and a factor of the focal length that all cameras share
+    Focal,
+}
+
+/// Displacement in pixels from which on a camera counts as far off, if it is many times that of most.
+const FAR: f64 = 5.0;
+const MANY: f64 = 10.0;
+
+impl RefineCameras {
+    /// Returns the path of the refined cameras, if they are to be refined, and checks that they can be written there;
+    /// `volume` is the path of the volume.
+    ///
+    /// # Errors
+    /// If the name or the folder does not suit a capture, or cannot state the pictures' paths.
+    pub fn output(&self, volume: &Path, capture: &Capture) -> Result<Option<PathBuf>> {
+        if self.refine_cameras.is_none() {
+            return Ok(None);
+        }
+        let path = self.cameras.clone().unwrap_or_else(|| volume.with_extension("cameras.json"));
+        outputs::file(&path, Content::Capture)?;
+        transforms::check_names(&path, capture)?;
+        Ok(Some(path))
+    }
+
+    /// Moves the cameras of photos, observation and capture, which will be written to `path`. `request` makes the request
+    /// of a region.
+    ///
+    /// # Errors
+    /// Those of [`refinement::refine`], and those of the region.
+    pub fn refine(
+        &self,
+        work: &mut VolumeTask<'_>,
+        path: PathBuf,
+        region: &Region,
+        photos: &mut [Photo],
+        observation: &mut Observation,
+        output: &Output,
+        request: impl FnOnce(&VolumeTask<'_>, &Observation, &Unknowns) -> Result<Request>,
+    ) -> Result<()> {
+        let json = work.input.json.clone();
+        let silhouettes = observation.widen_silhouettes();
+        let unknowns = region.choose(&work.input.capture, observation, output).map_err(|e| e.at(&json))?;
+        let request = request(work, observation, &unknowns)?;
+        let (focal, pixels) =
+            (self.refine_cameras == Some(Free::Focal), photos.iter().map(|p| p.film.rgba.len() as u64).sum());
+        Cost::new(Method::Cg, &unknowns.survey, &request, pixels, 0)
+            .fits(request.max_memory)
+            .map_err(|e| e.at(&json))?;
+
+        let bar = output.progress(refinement::most_rounds(&request, focal), "cameras");
+        let refined = refinement::refine(observation, &request, focal, |round| {
+            bar.inc(1);
+            bar.set_message(format!("level {}, moved by {:.3} pixels", round.level, round.pixels));
+            work.task.flow()
+        });
+        bar.finish_and_clear();
+        let cameras = refined.map_err(|e| e.at(&json))?;
+
+        let given: Vec<Camera> = photos.iter().map(|photo| photo.camera).collect();
+        let names = work.input.capture.frames.iter().map(|frame| frame.picture.as_path());
+        let points = request.bounds.inner_corners();
+        let centre = request.bounds.centre();
+        let motion = |((name, from), to): ((&Path, &Camera), &Camera)| CameraMotion {
+            picture: name.file_name().unwrap_or(name.as_os_str()).to_string_lossy().into(),
+            rotated_degrees: rotation(from, to).length().to_degrees(),
+            moved_percent: 100.0 * from.position().distance(to.position())
+                / from.position().distance(centre).max(f64::MIN_POSITIVE),
+            displaced_pixels: displacement(from, to, &points).unwrap_or(0.0),
+        };
+        let motions: Vec<CameraMotion> = names.zip(&given).zip(&cameras).map(motion).collect();
+        let warnings = far(&motions);
+        output.warn(&warnings);
+        let factor = given.first().zip(cameras.first()).map(|(a, b)| b.focal.x / a.focal.x);
+        work.refined(RefinedCameras { capture: path, focal_factor: factor.filter(|_| focal), motions }, warnings);
+        for (i, camera) in cameras.into_iter().enumerate() {
+            (photos[i].camera, observation.maps[i].camera, work.input.capture.frames[i].camera) =
+                (camera, camera, camera);
+        }
+        observation.maps.iter_mut().zip(silhouettes).for_each(|(map, shown)| map.shown = shown);
+        Ok(())
+    }
+}
+
+/// Warns of cameras that moved much farther than the others.
+fn far(motions: &[CameraMotion]) -> Vec<Warning> {
+    let mut all: Vec<f64> = motions.iter().map(|motion| motion.displaced_pixels).collect();
+    all.sort_by(f64::total_cmp);
+    let Some(median) = all.get(all.len() / 2) else { return Vec::new() };
+    let far = motions.iter().filter(|motion| motion.displaced_pixels > FAR.max(MANY * median));
+    let warning = |motion: &CameraMotion| {
+        Warning::new(
+            format!(
+                "{}: its camera moved by {:.1} pixels, where half of them moved by {median:.1} or less",
+                motion.picture, motion.displaced_pixels
+            ),
+            "look at this picture and its camera; leave it out of the capture if it does not belong to it",
+        )
+    };
+    far.map(warning).collect()
+}
+
+/// Writes the capture that `input` was read from, with the refined cameras that `input` has by now.
+///
+/// # Errors
+/// If the capture cannot be read any more, or the file not be written.
+pub(super) fn write(input: &LoadedCapture, refined: &RefinedCameras, task: &Task<'_>) -> Result<()> {
+    // What was loaded may have been changed to what the reconstruction explains.
+    let mut capture = captures::load_within(&input.json, task.limits)?;
+    capture.frames.iter_mut().zip(&input.capture.frames).for_each(|(frame, refined)| frame.camera = refined.camera);
+    let mut extra = Map::new();
+    extra.insert("provenance".into(), json!(task.provenance));
+    transforms::save(&refined.capture, &capture, &extra)
+}
