@@ -5,6 +5,7 @@
 mod work;
 
 use cumulo::formats::transforms;
+use cumulo::math::Aabb;
 use cumulo::optimise::refinement::gauge;
 use cumulo::scene::camera::{Camera, CameraGradient};
 use glam::DVec3;
@@ -270,7 +271,7 @@ fn warns_of_displacement(report: &Value) -> bool {
 fn degrees_apart(work: &Work, exact: &[Camera]) -> f64 {
     let mut found: Vec<Camera> =
         transforms::load(&work.path("found.cameras.json")).unwrap().frames.iter().map(|frame| frame.camera).collect();
-    gauge::align(&mut found, exact, DVec3::ZERO);
+    gauge::align(&mut found, exact, &Aabb { min: DVec3::splat(-1.0), max: DVec3::ONE }.inner_corners());
     let squares = found.iter().zip(exact).map(|(a, b)| gauge::rotation(a, b).length_squared());
     (squares.sum::<f64>() / exact.len() as f64).sqrt().to_degrees()
 }

@@ -56,11 +56,19 @@ pub fn of_densities(
     let model = ForwardModel { medium: &request.medium, background: request.background, quadrature };
     let renderer = model.renderer(field)?;
     let deviation = PRIOR_DEVIATION * range(field, &request.medium.source);
-    let (grids, mut warnings) = fit.grids(&renderer, &[(&[0], deviation)], &[name], tick);
-    if let Source::Grey(_) = request.medium.source {
-        warnings.extend(fit.displacement_warning(&renderer));
-    }
-    Ok((grids, warnings))
+    Ok(fit.grids(&renderer, &[(&[0], deviation)], &[name], tick))
+}
+
+/// Warns of cameras that do not suit the densities that were found with them.
+///
+/// # Errors
+/// If the medium cannot be used.
+pub fn of_cameras(field: &Bricks<f32>, fit: Fit<'_>) -> Result<Option<Warning>> {
+    let Request { medium, background, bounds, rays_per_edge, cancel, .. } = fit.request;
+    let renderer = Dvr::new(field, medium.clone())?.over(*background);
+    let (colors, points) = (Colors::of(medium, *background), bounds.inner_corners());
+    let displacements = displacements(&renderer, fit.photos, &colors, &points, *rays_per_edge, *cancel);
+    Ok(if cancel.requested() { None } else { displacement::warning(&displacements, fit.photos) })
 }
 
 /// Measures the confidences of a pre-shaded volume, as a grid beside that of the extinctions and one beside that of the
@@ -100,14 +108,6 @@ impl Fit<'_> {
         let Request { held_out, rays_per_edge, cancel, .. } = self.request;
         let residuals = Residuals::new(renderer, self.photos, held_out, *rays_per_edge, *cancel);
         residuals.map(|r| r.warnings()).unwrap_or_default()
-    }
-
-    fn displacement_warning(self, renderer: &Composited<Dvr<'_, f32>>) -> Option<Warning> {
-        let Request { medium, background, bounds, rays_per_edge, cancel, .. } = self.request;
-        let colors = Colors::of(medium, *background);
-        let displacements =
-            displacements(renderer, self.photos, &colors, &bounds.inner_corners(), *rays_per_edge, *cancel);
-        displacement::warning(&displacements, self.photos)
     }
 
     /// Returns the training views.

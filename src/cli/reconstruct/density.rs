@@ -186,7 +186,7 @@ impl Density {
         let task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), &self.memory)?;
         let input = self.input(task.limits)?;
         let solver = self.solver(&input.capture)?;
-        let cameras = self.refinement.output(&self.output, &input.capture)?;
+        let cameras = self.refinement.output(&self.output, self.report.as_deref(), &input.capture)?;
         let views = input.capture.frames.len();
         let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
 
@@ -201,7 +201,7 @@ impl Density {
             let percent = |noise: f64| format!("{:.2} %", 100.0 * noise);
             let (least, most) = (percent(least), percent(most));
             output
-                .note(format!("noise of the transmittances: {least} in the clearest picture, {most} in the noisiest"));
+                .note(format!("noise of the transmittances, of all channels together: {least} in the clearest picture, {most} in the noisiest"));
         }
         if let Some(path) = cameras {
             let request = |work: &VolumeTask<'_>, observation: &Observation, unknowns: &Unknowns| {
@@ -228,11 +228,17 @@ impl Density {
         work.solved(stages);
         let Measurements { photos, observation, .. } = measurements;
         drop(observation);
+        // A volume that is not settled yet does not tell about its cameras.
+        let finest = history.iter().filter(|step| step.level == 0).count();
+        let settled = solver == DensitySolver::Cg && finest >= SETTLED;
         let mut solved = Solved { history, train_psnr_db, held_out_psnr_db, unknowns, stopped };
         let mut grid = field.to_grid(&self.grid);
         let fit = Fit { photos: &photos, request: &request, train_psnr_db };
-        let confidence =
-            work.confidence(&mut solved, |tick| confidence::of_densities(&field, &self.grid, fit, tick))?;
+        let confidence = work.confidence(&mut solved, |tick| {
+            let (grids, mut warnings) = confidence::of_densities(&field, &self.grid, fit, tick)?;
+            warnings.extend(if settled { confidence::of_cameras(&field, fit)? } else { None });
+            Ok((grids, warnings))
+        })?;
         drop((photos, field));
 
         if let Some(transfer) = transfer_of(&work.input.capture) {
@@ -316,6 +322,9 @@ impl Density {
 fn transfer_of(capture: &Capture) -> Option<&Transfer> {
     capture.transfer.as_ref().filter(|_| capture.model == Model::EmissionAbsorption)
 }
+
+/// Iterations on the finest level from which on a volume suits its cameras, if they suit one another.
+const SETTLED: usize = 8;
 
 /// Source of a medium that absorbs alone.
 const ABSORPTION: Source = Source::Grey([0.0; 3]);

@@ -7,7 +7,7 @@ use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::cli::run::{CameraMotion, RefinedCameras};
 use crate::cli::task::Task;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::formats::{captures, transforms};
 use crate::optimise::density::Request;
 use crate::optimise::plausibility::Warning;
@@ -51,21 +51,26 @@ enum Free {
 }
 
 /// Displacement in pixels from which on a camera counts as far off, if it is many times that of most.
-const FAR: f64 = 5.0;
-const MANY: f64 = 10.0;
+const FAR: f64 = 1.0;
+const MANY: f64 = 4.0;
 
 impl RefineCameras {
     /// Returns the path of the refined cameras, if they are to be refined, and checks that they can be written there;
     /// `volume` is the path of the volume.
     ///
     /// # Errors
-    /// If the name or the folder does not suit a capture, or cannot state the pictures' paths.
-    pub fn output(&self, volume: &Path, capture: &Capture) -> Result<Option<PathBuf>> {
+    /// If the name or the folder does not suit a capture, belongs to the report, or cannot state the pictures' paths.
+    pub fn output(&self, volume: &Path, report: Option<&Path>, capture: &Capture) -> Result<Option<PathBuf>> {
         if self.refine_cameras.is_none() {
             return Ok(None);
         }
         let path = self.cameras.clone().unwrap_or_else(|| volume.with_extension("cameras.json"));
         outputs::file(&path, Content::Capture)?;
+        if report.is_some_and(|folder| path.parent() == Some(folder)) {
+            return Err(Error::invalid("the folder of --report is no place for --cameras")
+                .at(&path)
+                .hint("give the cameras' file another folder"));
+        }
         transforms::check_names(&path, capture)?;
         Ok(Some(path))
     }
@@ -95,7 +100,7 @@ impl RefineCameras {
             .fits(request.max_memory)
             .map_err(|e| e.at(&json))?;
 
-        let bar = output.progress(refinement::most_rounds(&request, focal), "cameras");
+        let bar = output.progress(refinement::most_rounds(&request), "cameras");
         let refined = refinement::refine(observation, &request, focal, |round| {
             bar.inc(1);
             bar.set_message(format!("level {}, moved by {:.3} pixels", round.level, round.pixels));
@@ -141,7 +146,8 @@ fn far(motions: &[CameraMotion]) -> Vec<Warning> {
                 "{}: its camera moved by {:.1} pixels, where half of them moved by {median:.1} or less",
                 motion.picture, motion.displaced_pixels
             ),
-            "look at this picture and its camera; leave it out of the capture if it does not belong to it",
+            "look at this picture and its camera: one that is wrong by much more than others misleads these, too; leave \
+             it out of the capture, and refine the others without it",
         )
     };
     far.map(warning).collect()

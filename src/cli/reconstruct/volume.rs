@@ -214,6 +214,12 @@ impl<'t> VolumeTask<'t> {
         held_out: Vec<usize>,
     ) -> Result<ExitCode> {
         let views = self.input.capture.frames.len();
+        if let Some(refined) = self.refined.as_ref().filter(|_| solved.stopped) {
+            self.output.note(format!(
+                "--resume goes on with {} in place of the capture, and without --refine-cameras",
+                refined.capture.display()
+            ));
+        }
         let run = Run {
             capture: self.refined.as_ref().map_or(self.input.json, |refined| refined.capture.clone()),
             output: self.vdb.to_path_buf(),

@@ -25,7 +25,7 @@ const FEWEST: usize = 128;
 const DISPLACED: f64 = 0.1;
 const EXPLAINED: f64 = 0.05;
 /// The same for one picture alone.
-const ONE_DISPLACED: f64 = 0.3;
+const ONE_DISPLACED: f64 = 0.5;
 const ONE_EXPLAINED: f64 = 0.2;
 
 /// What the step of its camera would change in a picture.
@@ -92,6 +92,7 @@ pub fn warning(displacements: &[Displacement], photos: &[Photo]) -> Option<Warni
         }
     };
     let remedy = "the cameras do not suit one another: add --refine-cameras; if they were refined already, look for a \
-                  lens that distorts, or a volume that moved between the pictures";
+                  picture that does not belong to the others, bounds that cut the volume, a lens that distorts, or a \
+                  volume that moved between the pictures";
     Some(Warning::new(what, remedy))
 }

@@ -33,8 +33,7 @@ const COARSEST: f64 = 24.0;
 /// Rounds on the coarsest level, on those between and on the finest, at most.
 const COARSE_ROUNDS: u32 = 3;
 const ROUNDS: u32 = 1;
-const FINEST_ROUNDS: u32 = 5;
-const FINEST_ROUNDS_WITH_FOCAL: u32 = 8;
+const FINEST_ROUNDS: u32 = 8;
 /// Iterations of the densities in a round: from a start on the same level, and else.
 const ITERATIONS: u32 = 4;
 const FIRST_ITERATIONS: u32 = 8;
@@ -43,11 +42,12 @@ const FIRST_ITERATIONS: u32 = 8;
 const COARSE_DAMPING: f64 = 0.05;
 const DAMPING: f64 = 1e-4;
 /// Former rounds that the acceleration remembers.
-const MEMORY: usize = 4;
+const MEMORY: usize = 2;
 /// Pixels of a picture that its camera's step is computed from, about.
 const PIXELS: usize = 4096;
-/// Mean step in pixels below which the cameras are found.
+/// Mean step in pixels below which the cameras are found; a focal length differs from the distance by little.
 const FOUND: f64 = 0.002;
+const FOUND_WITH_FOCAL: f64 = 0.0005;
 /// Largest step, in radians, in units of the distance or of the focal length's logarithm.
 const LARGEST: f64 = 0.2;
 /// Pixels of a level by which silhouettes are widened: cameras that are off would cut each other's.
@@ -63,9 +63,9 @@ pub struct Round {
 }
 
 /// Returns the largest number of rounds.
-pub fn most_rounds(request: &Request, focal: bool) -> u64 {
+pub fn most_rounds(request: &Request) -> u64 {
     let levels = levels(request);
-    (0..levels).map(|level| u64::from(rounds(level, levels, focal))).sum()
+    (0..levels).map(|level| u64::from(rounds(level, levels))).sum()
 }
 
 /// Returns the cameras of the observation, moved to where its transmittances agree best with one volume; with `focal`
@@ -89,7 +89,7 @@ pub fn refine(
     for level in (0..levels).rev() {
         let damping = if level + 1 == levels && levels > 1 { COARSE_DAMPING } else { DAMPING };
         let mut acceleration = Anderson::new(if level == 0 { MEMORY } else { 0 });
-        for round in 0..rounds(level, levels, focal) {
+        for round in 0..rounds(level, levels) {
             let views = reduced(observation, &cameras, level);
             let iterations = if level == 0 && round > 0 { ITERATIONS } else { FIRST_ITERATIONS };
             let solved = densities(&views, request, level, iterations, field.take())?;
@@ -99,18 +99,18 @@ pub fn refine(
             }
             field = Some(solved);
             let pixels = displacements(&cameras, &moved, &points);
-            align(&mut moved, &given, centre);
+            align(&mut moved, &given, &points);
             let next = acceleration.next(&coordinates.of(&cameras), coordinates.of(&moved));
             cameras = coordinates.cameras(&next);
             if watch(&Round { level, pixels }).is_break() {
                 return Err(Error::cancelled());
             }
-            if pixels < FOUND {
+            if pixels < if focal { FOUND_WITH_FOCAL } else { FOUND } {
                 break;
             }
         }
     }
-    align(&mut cameras, &given, centre);
+    align(&mut cameras, &given, &points);
     Ok(cameras)
 }
 
@@ -118,9 +118,8 @@ fn levels(request: &Request) -> u32 {
     lattice::levels_from(None, &request.lattice, &request.bounds, COARSEST) + 1
 }
 
-fn rounds(level: u32, levels: u32, focal: bool) -> u32 {
+fn rounds(level: u32, levels: u32) -> u32 {
     match level {
-        0 if focal => FINEST_ROUNDS_WITH_FOCAL,
         0 => FINEST_ROUNDS,
         level if level + 1 == levels => COARSE_ROUNDS,
         _ => ROUNDS,
