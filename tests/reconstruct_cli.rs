@@ -276,25 +276,31 @@ fn degrees_apart(work: &Work, exact: &[Camera]) -> f64 {
     (squares.sum::<f64>() / exact.len() as f64).sqrt().to_degrees()
 }
 
-/// Cameras that are off are warned of, and found together with the volume, which is as good then as with exact ones.
+/// Cameras that are off are warned of, and found together with the volume: but for a motion of the whole scene, which
+/// held-out views do not see, it is as good then as with exact ones.
 #[test]
 fn cameras_are_refined_with_the_volume() {
+    let reconstruct =
+        |work: &Work, words: &str| work.json(&format!("reconstruct density cap -o found.vdb --resolution 48 {words}"));
+    let held_out = |report: &Value| number(report, "held_out_psnr_db");
     let exact = with_pictures(24, 64);
-    let report = exact.json("reconstruct density cap -o found.vdb --resolution 48");
+    let report = reconstruct(&exact, "");
     assert!(!warns_of_displacement(&report), "{report}");
-    let best = exact.volume_psnr("found.vdb");
+    let (best, best_held_out) = (exact.volume_psnr("found.vdb"), held_out(&report));
     for degrees in [0.1, 0.3, 1.0] {
         let work = with_pictures(24, 64);
         let cameras = disturb_cameras(&work, degrees);
-        let report = work.json("reconstruct density cap -o found.vdb --resolution 48");
-        assert!(warns_of_displacement(&report), "{degrees}: {report}");
+        let given = reconstruct(&work, "");
+        assert!(warns_of_displacement(&given), "{degrees}: {given}");
         let plain = work.volume_psnr("found.vdb");
-        let report = work.json("reconstruct density cap -o found.vdb --resolution 48 --refine-cameras --report page");
+        let report = reconstruct(&work, "--refine-cameras --report page");
         let (refined, apart) = (work.volume_psnr("found.vdb"), degrees_apart(&work, &cameras));
         eprintln!("{degrees} degrees: {plain:.2} dB, refined {refined:.2} of {best:.2} dB, {apart:.4} degrees");
+        eprintln!("held out {:.2}, {:.2} of {best_held_out:.2} dB", held_out(&given), held_out(&report));
         assert!(!warns_of_displacement(&report), "{degrees}: {report}");
         assert_eq!(report["cameras"]["motions"].as_array().unwrap().len(), 24);
-        assert!(apart < 0.1 && refined > plain.max(best - 2.0), "{degrees}: {apart} degrees, {refined} of {best} dB");
+        assert!(apart < 0.1 && refined > plain, "{degrees}: {apart} degrees, {refined} dB, {plain} dB before");
+        assert!(held_out(&report) > best_held_out - 1.0, "{degrees}: {report}");
     }
 }
 
