@@ -21,7 +21,7 @@ const fn case(words: &'static str, inputs: &'static [&'static str], outputs: &'s
 
 const CAPTURE: &[&str] = &["in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"];
 
-pub const ALL: [Case; 34] = [
+pub const ALL: [Case; 35] = [
     case(
         "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --view 0 --size 4x4 --png --overwrite -o out",
         &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"],
@@ -125,6 +125,11 @@ pub const ALL: [Case; 34] = [
         "reconstruct density in/bright --tf in/two.tf.json --init in/slab.vdb -o out/f.vdb --resolution 8 --iterations 1 --report out/page",
         &["in/slab.vdb", "in/two.tf.json", "in/bright/transforms.json", "in/bright/view_003.exr"],
         &["out/f.vdb", "out/page/index.html", "out/page/run.json"],
+    ),
+    case(
+        "reconstruct density in/cap --refine-cameras --cameras out/c.json -o out/f.vdb --resolution 8 --iterations 1",
+        &["in/cap/transforms.json", "in/cap/view_003.exr"],
+        &["out/f.vdb", "out/c.json"],
     ),
     case(
         "reconstruct color in/bright -o out/f.vdb --resolution 8 --iterations 1 --report out/page",
