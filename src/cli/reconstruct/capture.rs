@@ -1,10 +1,11 @@
 //! The capture that a reconstruction starts from.
 
+use crate::cli::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{captures, transforms};
 use crate::scene::capture::{Capture, Model};
-use serde_json::Value;
+use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
 /// A capture and the path of the file that its cameras were read from.
@@ -25,6 +26,18 @@ impl LoadedCapture {
         let json = captures::file(path);
         let capture = captures::load_within(&json, limits)?;
         Ok(Self { json, capture })
+    }
+
+    /// Writes the capture that was loaded to `path`, with the cameras that this one has by now.
+    ///
+    /// # Errors
+    /// If the capture cannot be read any more, or the file not be written.
+    pub fn save_cameras(&self, path: &Path, limits: Limits, provenance: &Provenance) -> Result<()> {
+        // All but the cameras may have been changed to what a reconstruction explains.
+        let mut capture = captures::load_within(&self.json, limits)?;
+        capture.frames.iter_mut().zip(&self.capture.frames).for_each(|(frame, own)| frame.camera = own.camera);
+        let extra = Map::from_iter([("provenance".into(), json!(provenance))]);
+        transforms::save(path, &capture, &extra)
     }
 
     /// Refuses scattered light where a transfer function is to explain the pictures.

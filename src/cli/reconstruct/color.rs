@@ -90,8 +90,8 @@ impl Color {
                 "the pictures show scattered light: the volume emits what these lights made of it, the same in all directions",
             );
         }
-        let (photos, observation) = work.read(Emission::Sought, |photos, _| Observation::by_alpha(photos))?;
-        let measurements = work.measure(&self.region, photos, observation)?;
+        let pictures = work.read(Emission::Sought, |photos, _| Observation::by_alpha(photos))?;
+        let measurements = work.measure(&self.region, pictures)?;
         let request = self.request(&work, &measurements.unknowns, held_out);
         let previous = self.resume && self.output.exists();
         let read = || shaded::read(&File::open(&self.output, limits)?, None, limits.max_memory);

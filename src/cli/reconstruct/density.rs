@@ -196,8 +196,8 @@ impl Density {
                 "the pictures show scattered light: the densities are those that alpha tells, whatever the colors are",
             );
         }
-        let (mut photos, mut observation) = work.read(Emission::Stated, observe)?;
-        if let Some([least, most]) = observation.noise() {
+        let mut pictures = work.read(Emission::Stated, observe)?;
+        if let Some([least, most]) = pictures.observation.noise() {
             let percent = |noise: f64| format!("{:.2} %", 100.0 * noise);
             let (least, most) = (percent(least), percent(most));
             output
@@ -207,13 +207,12 @@ impl Density {
             let request = |work: &VolumeTask<'_>, observation: &Observation, unknowns: &Unknowns| {
                 self.request(work, observation, unknowns, solver, Vec::new())
             };
-            let refined =
-                self.refinement.refine(&mut work, path, &self.region, &mut photos, &mut observation, output, request);
+            let refined = self.refinement.refine(&mut work, path, &self.region, &mut pictures, request);
             if let Err(code) = ended(refined)? {
                 return Ok(code);
             }
         }
-        let measurements = work.measure(&self.region, photos, observation)?;
+        let measurements = work.measure(&self.region, pictures)?;
         let request = self.request(&work, &measurements.observation, &measurements.unknowns, solver, held_out);
         let request = request.map_err(|e| e.at(&work.input.json))?;
         let steps = solver.most_iterations(&measurements, &request);

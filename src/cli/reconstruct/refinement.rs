@@ -1,24 +1,20 @@
 //! `--refine-cameras`: cameras that are found together with the volume.
 
-use super::capture::LoadedCapture;
 use super::region::{Region, Unknowns};
-use super::volume::VolumeTask;
-use crate::cli::output::Output;
+use super::volume::{Pictures, VolumeTask};
 use crate::cli::outputs::{self, Content};
 use crate::cli::run::{CameraMotion, RefinedCameras};
-use crate::cli::task::Task;
 use crate::error::{Error, Result};
-use crate::formats::{captures, transforms};
+use crate::formats::transforms;
 use crate::optimise::density::Request;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::cost::{Cost, Method};
 use crate::optimise::pose::displacement;
-use crate::optimise::projection::observation::{Observation, Photo};
+use crate::optimise::projection::observation::Observation;
 use crate::optimise::refinement;
 use crate::optimise::refinement::gauge::rotation;
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
-use serde_json::{Map, json};
 use std::path::{Path, PathBuf};
 
 /// Options for cameras that are only nearly known.
@@ -75,8 +71,8 @@ impl RefineCameras {
         Ok(Some(path))
     }
 
-    /// Moves the cameras of photos, observation and capture, which will be written to `path`. `request` makes the request
-    /// of a region.
+    /// Moves the cameras of the pictures and of the task's capture, which will be written to `path`. `request` makes the
+    /// request of a region.
     ///
     /// # Errors
     /// Those of [`refinement::refine`], and those of the region.
@@ -85,12 +81,10 @@ impl RefineCameras {
         work: &mut VolumeTask<'_>,
         path: PathBuf,
         region: &Region,
-        photos: &mut [Photo],
-        observation: &mut Observation,
-        output: &Output,
+        Pictures { photos, observation }: &mut Pictures,
         request: impl FnOnce(&VolumeTask<'_>, &Observation, &Unknowns) -> Result<Request>,
     ) -> Result<()> {
-        let json = work.input.json.clone();
+        let (json, output) = (work.input.json.clone(), work.output);
         let silhouettes = observation.widen_silhouettes();
         let unknowns = region.choose(&work.input.capture, observation, output).map_err(|e| e.at(&json))?;
         let request = request(work, observation, &unknowns)?;
@@ -151,17 +145,4 @@ fn far(motions: &[CameraMotion]) -> Vec<Warning> {
         )
     };
     far.map(warning).collect()
-}
-
-/// Writes the capture that `input` was read from, with the refined cameras that `input` has by now.
-///
-/// # Errors
-/// If the capture cannot be read any more, or the file not be written.
-pub(super) fn write(input: &LoadedCapture, refined: &RefinedCameras, task: &Task<'_>) -> Result<()> {
-    // What was loaded may have been changed to what the reconstruction explains.
-    let mut capture = captures::load_within(&input.json, task.limits)?;
-    capture.frames.iter_mut().zip(&input.capture.frames).for_each(|(frame, refined)| frame.camera = refined.camera);
-    let mut extra = Map::new();
-    extra.insert("provenance".into(), json!(task.provenance));
-    transforms::save(&refined.capture, &capture, &extra)
 }

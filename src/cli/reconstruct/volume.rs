@@ -1,7 +1,6 @@
 //! The reconstruction of voxels: the steps from pictures to report that densities and pre-shaded volumes share.
 
 use super::capture::LoadedCapture;
-use super::refinement;
 use super::region::{Region, Unknowns};
 use super::stages::StageClock;
 use crate::cli::output::Output;
@@ -31,11 +30,20 @@ pub(super) struct VolumeTask<'t> {
     /// Path of the VDB to write.
     vdb: &'t Path,
     layer: Option<&'t str>,
-    output: &'t Output,
+    pub(super) output: &'t Output,
     clock: StageClock,
     warnings: Vec<Warning>,
     expected: Option<Cost>,
     refined: Option<RefinedCameras>,
+}
+
+/// Pictures with their optical depths.
+#[derive(Debug)]
+pub(super) struct Pictures {
+    /// The pictures, in the order of the capture's frames.
+    pub photos: Vec<Photo>,
+    /// Optical depths of the pictures' pixels.
+    pub observation: Observation,
 }
 
 /// Pictures with their optical depths, and the voxels that they are to determine.
@@ -95,12 +103,12 @@ impl<'t> VolumeTask<'t> {
         &mut self,
         emission: Emission,
         observe: impl FnOnce(&mut [Photo], &mut Capture) -> Result<Observation>,
-    ) -> Result<(Vec<Photo>, Observation)> {
+    ) -> Result<Pictures> {
         let LoadedCapture { json, capture } = &mut self.input;
         let (mut photos, mut warnings) = self.task.photos(json, capture, emission, self.layer, self.output)?;
         self.warnings.append(&mut warnings);
         let observation = observe(&mut photos, capture).map_err(|e| e.at(json.as_path()))?;
-        Ok((photos, observation))
+        Ok(Pictures { photos, observation })
     }
 
     /// Ends the stage that read the pictures, and keeps how their cameras moved since, with the warnings about that.
@@ -114,7 +122,7 @@ impl<'t> VolumeTask<'t> {
     ///
     /// # Errors
     /// If the pictures leave no region for the voxels.
-    pub fn measure(&mut self, region: &Region, photos: Vec<Photo>, observation: Observation) -> Result<Measurements> {
+    pub fn measure(&mut self, region: &Region, Pictures { photos, observation }: Pictures) -> Result<Measurements> {
         let LoadedCapture { json, capture } = &self.input;
         let mut unknowns = region.choose(capture, &observation, self.output).map_err(|e| e.at(json))?;
         self.output.warn(&unknowns.warnings);
@@ -194,7 +202,7 @@ impl<'t> VolumeTask<'t> {
         self.task.provenance.lap();
         write(&self.task.provenance.metadata())?;
         if let Some(refined) = &self.refined {
-            refinement::write(&self.input, refined, &self.task)?;
+            self.input.save_cameras(&refined.capture, self.task.limits, &self.task.provenance)?;
         }
         self.clock.end("write");
         Ok(())

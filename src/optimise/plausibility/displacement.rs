@@ -24,11 +24,11 @@ const FEWEST: usize = 128;
 /// With exact cameras, noise of 5 % or six views leave medians of 0.04 pixels that explain 0.04.
 const DISPLACED: f64 = 0.1;
 const EXPLAINED: f64 = 0.05;
-/// The same for one picture alone.
+/// Displacement in pixels, and share of the error that it explains, from which on one picture alone counts as displaced.
 const ONE_DISPLACED: f64 = 0.5;
 const ONE_EXPLAINED: f64 = 0.2;
 
-/// What the step of its camera would change in a picture.
+/// Displacement of a picture by the step of its camera that brings it nearest to the render.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Displacement {
     /// Root mean square in pixels, over the points.
