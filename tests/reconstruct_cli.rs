@@ -304,6 +304,30 @@ fn cameras_are_refined_with_the_volume() {
     }
 }
 
+/// One camera that is off by much more than the others is named, and leaves the others where they are.
+#[test]
+fn one_wrong_camera_does_not_mislead_the_others() {
+    const WRONG: usize = 5;
+    let work = with_pictures(24, 64);
+    let mut number_of = 0;
+    let cameras = change_cameras(&work, |camera| {
+        if number_of == WRONG {
+            let [right, up] = [camera.camera_to_world.x_axis, camera.camera_to_world.y_axis].map(|v| v.truncate());
+            let rotation = 0.06 * up - 0.05 * right;
+            *camera = camera.moved(&CameraGradient { rotation, ..CameraGradient::default() });
+        }
+        number_of += 1;
+    });
+    let report = work.json("reconstruct density cap -o found.vdb --resolution 48 --refine-cameras");
+    let motions = report["cameras"]["motions"].as_array().unwrap();
+    let pixels: Vec<f64> = motions.iter().map(|motion| number(motion, "displaced_pixels")).collect();
+    eprintln!("moved by {pixels:.2?} pixels, {:.4} degrees apart", degrees_apart(&work, &cameras));
+    assert!(pixels.iter().enumerate().all(|(i, p)| (*p > 3.0) == (i == WRONG)), "{pixels:?}");
+    assert!(report.to_string().contains("view_005.exr: its camera moved by"), "{report}");
+    assert!(number(&report, "held_out_psnr_db") > 48.0, "{report}");
+    assert!(degrees_apart(&work, &cameras) < 0.15, "{}", degrees_apart(&work, &cameras));
+}
+
 #[test]
 fn a_common_focal_length_is_refined() {
     let work = with_pictures(24, 64);
@@ -403,6 +427,10 @@ fn wrong_use_is_refused_with_words() {
     refused("cap -o x.vdb --bounds 90,90,90,91,91,91", &["--bounds"]);
     refused("cap -o x.vdb --solver magic", &["magic", "weiss2021"]);
     refused("cap -o x.vdb --layer Z", &["Z"]);
+    refused("cap -o x.vdb --cameras c.json", &["--refine-cameras"]);
+    refused("cap -o x.vdb --refine-cameras --cameras c.vdb", &["c.vdb", ".json"]);
+    refused("cap -o x.vdb --refine-cameras --cameras p/run.json --report p", &["run.json", "--cameras another name"]);
+    refused("cap -o x.vdb --refine-cameras --resume", &["cannot be used with"]);
     refused("cap -o x.vdb --init @sphere_level_set.vdb", &["level set", "fog"]);
     refused("cap -o x.vdb --init x.vdb --resume", &["cannot be used with"]);
     refused("cap -o x.vdb --voxel-size 1e-7", &["do not fit in memory", "--voxel-size"]);

@@ -15,6 +15,8 @@ pub(super) struct LoadedCapture {
     pub json: PathBuf,
     /// Cameras, paths of the pictures, and the model that they show.
     pub capture: Capture,
+    /// The same as the file states it, whatever becomes of `capture`.
+    stated: Capture,
 }
 
 impl LoadedCapture {
@@ -25,16 +27,15 @@ impl LoadedCapture {
     pub fn load(path: &Path, limits: Limits) -> Result<Self> {
         let json = captures::file(path);
         let capture = captures::load_within(&json, limits)?;
-        Ok(Self { json, capture })
+        Ok(Self { json, stated: capture.clone(), capture })
     }
 
-    /// Writes the capture that was loaded to `path`, with the cameras that this one has by now.
+    /// Writes the capture as its file states it to `path`, but with the cameras that `capture` has by now.
     ///
     /// # Errors
-    /// If the capture cannot be read any more, or the file not be written.
-    pub fn save_cameras(&self, path: &Path, limits: Limits, provenance: &Provenance) -> Result<()> {
-        // All but the cameras may have been changed to what a reconstruction explains.
-        let mut capture = captures::load_within(&self.json, limits)?;
+    /// If the file cannot be written.
+    pub fn save_cameras(&self, path: &Path, provenance: &Provenance) -> Result<()> {
+        let mut capture = self.stated.clone();
         capture.frames.iter_mut().zip(&self.capture.frames).for_each(|(frame, own)| frame.camera = own.camera);
         let extra = Map::from_iter([("provenance".into(), json!(provenance))]);
         transforms::save(path, &capture, &extra)

@@ -200,8 +200,10 @@ impl Density {
         if let Some([least, most]) = pictures.observation.noise() {
             let percent = |noise: f64| format!("{:.2} %", 100.0 * noise);
             let (least, most) = (percent(least), percent(most));
-            output
-                .note(format!("noise of the transmittances, of all channels together: {least} in the clearest picture, {most} in the noisiest"));
+            output.note(format!(
+                "noise of the transmittances, of all channels together: {least} in the clearest picture, {most} in the \
+                 noisiest"
+            ));
         }
         if let Some(path) = cameras {
             let request = |work: &VolumeTask<'_>, observation: &Observation, unknowns: &Unknowns| {

@@ -3,6 +3,7 @@
 use super::region::{Region, Unknowns};
 use super::volume::{Pictures, VolumeTask};
 use crate::cli::outputs::{self, Content};
+use crate::cli::report::RECORD;
 use crate::cli::run::{CameraMotion, RefinedCameras};
 use crate::error::{Error, Result};
 use crate::formats::transforms;
@@ -20,8 +21,8 @@ use std::path::{Path, PathBuf};
 /// Options for cameras that are only nearly known.
 #[derive(Debug, clap::Args)]
 pub(super) struct RefineCameras {
-    /// Move the cameras to where all pictures agree on one volume: their positions and rotations, with focal a factor of
-    /// the focal length, too, that all share. The scene as a whole stays where the given cameras have it
+    /// Move the cameras to where all pictures agree on one volume: their positions and rotations, with focal a factor
+    /// of the focal length, too, that all share. The scene as a whole stays where the given cameras have it
     #[arg(
         long,
         value_enum,
@@ -55,24 +56,23 @@ impl RefineCameras {
     /// `volume` is the path of the volume.
     ///
     /// # Errors
-    /// If the name or the folder does not suit a capture, belongs to the report, or cannot state the pictures' paths.
+    /// If the name or the folder does not suit a capture, the file is the report's record, or the pictures' paths cannot
+    /// be stated in it.
     pub fn output(&self, volume: &Path, report: Option<&Path>, capture: &Capture) -> Result<Option<PathBuf>> {
         if self.refine_cameras.is_none() {
             return Ok(None);
         }
         let path = self.cameras.clone().unwrap_or_else(|| volume.with_extension("cameras.json"));
         outputs::file(&path, Content::Capture)?;
-        if report.is_some_and(|folder| path.parent() == Some(folder)) {
-            return Err(Error::invalid("the folder of --report is no place for --cameras")
-                .at(&path)
-                .hint("give the cameras' file another folder"));
+        if report.is_some_and(|folder| path == folder.join(RECORD)) {
+            return Err(Error::invalid("--report writes this file, too").at(&path).hint("give --cameras another name"));
         }
         transforms::check_names(&path, capture)?;
         Ok(Some(path))
     }
 
-    /// Moves the cameras of the pictures and of the task's capture, which will be written to `path`. `request` makes the
-    /// request of a region.
+    /// Moves the cameras of the pictures and of the task's capture, which will be written to `path`. `request` makes
+    /// the request of a region.
     ///
     /// # Errors
     /// Those of [`refinement::refine`], and those of the region.
@@ -140,8 +140,8 @@ fn far(motions: &[CameraMotion]) -> Vec<Warning> {
                 "{}: its camera moved by {:.1} pixels, where half of them moved by {median:.1} or less",
                 motion.picture, motion.displaced_pixels
             ),
-            "look at this picture and its camera: one that is wrong by much more than others misleads these, too; leave \
-             it out of the capture, and refine the others without it",
+            "look at this picture and its camera: one that is wrong by much more than others misleads these, too; \
+             leave it out of the capture, and refine the others without it",
         )
     };
     far.map(warning).collect()

@@ -115,7 +115,7 @@ impl Tf {
         let mut task = Task::begin(&self.output, Content::TransferFunction, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
         let mut clock = StageClock::start();
-        let LoadedCapture { json, capture } = self.input(limits)?;
+        let LoadedCapture { json, capture, .. } = self.input(limits)?;
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 3).map_err(|e| e.at(&json))?;
         let (photos, mut warnings) = task.photos(&json, &capture, Emission::Sought, self.layer.as_deref(), output)?;
         let field = self.field(&mut task, output)?;

@@ -104,7 +104,7 @@ impl<'t> VolumeTask<'t> {
         emission: Emission,
         observe: impl FnOnce(&mut [Photo], &mut Capture) -> Result<Observation>,
     ) -> Result<Pictures> {
-        let LoadedCapture { json, capture } = &mut self.input;
+        let LoadedCapture { json, capture, .. } = &mut self.input;
         let (mut photos, mut warnings) = self.task.photos(json, capture, emission, self.layer, self.output)?;
         self.warnings.append(&mut warnings);
         let observation = observe(&mut photos, capture).map_err(|e| e.at(json.as_path()))?;
@@ -123,7 +123,7 @@ impl<'t> VolumeTask<'t> {
     /// # Errors
     /// If the pictures leave no region for the voxels.
     pub fn measure(&mut self, region: &Region, Pictures { photos, observation }: Pictures) -> Result<Measurements> {
-        let LoadedCapture { json, capture } = &self.input;
+        let LoadedCapture { json, capture, .. } = &self.input;
         let mut unknowns = region.choose(capture, &observation, self.output).map_err(|e| e.at(json))?;
         self.output.warn(&unknowns.warnings);
         self.warnings.append(&mut unknowns.warnings);
@@ -202,7 +202,7 @@ impl<'t> VolumeTask<'t> {
         self.task.provenance.lap();
         write(&self.task.provenance.metadata())?;
         if let Some(refined) = &self.refined {
-            self.input.save_cameras(&refined.capture, self.task.limits, &self.task.provenance)?;
+            self.input.save_cameras(&refined.capture, &self.task.provenance)?;
         }
         self.clock.end("write");
         Ok(())

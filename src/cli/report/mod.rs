@@ -26,7 +26,7 @@ use transfer::{FunctionError, TransferRun};
 use volume::VolumeError;
 
 /// Name of the run's record in the report's folder.
-const RECORD: &str = "run.json";
+pub(in crate::cli) const RECORD: &str = "run.json";
 
 /// Make the page of a reconstruction again, with what is true or other renders beside it
 #[derive(Debug, clap::Args)]

@@ -21,10 +21,11 @@ const DAMPING: f64 = 1e-3;
 const PIXELS: usize = 1 << 15;
 const FEWEST: usize = 128;
 /// Displacement in pixels, and share of the error that it explains, from which on most pictures count as displaced.
-/// With exact cameras, noise of 5 % or six views leave medians of 0.04 pixels that explain 0.04.
+/// With exact cameras, noise of 5 % or six views leave medians of less than 0.04 pixels.
 const DISPLACED: f64 = 0.1;
 const EXPLAINED: f64 = 0.05;
-/// Displacement in pixels, and share of the error that it explains, from which on one picture alone counts as displaced.
+/// Displacement in pixels, and share of the error that it explains, from which on one picture alone counts as
+/// displaced.
 const ONE_DISPLACED: f64 = 0.5;
 const ONE_EXPLAINED: f64 = 0.2;
 
@@ -38,7 +39,7 @@ pub struct Displacement {
 }
 
 /// Returns the displacement of each picture, by the projections of `points`; of one that says nothing about its camera
-/// it is zero. Pictures are compared at a few thousand pixels.
+/// it is zero. Pictures are compared at one pixel in so many, tens of thousands in all.
 pub fn displacements<I: Differentiable<Real = f32>>(
     renderer: &Composited<I>,
     photos: &[Photo],
@@ -72,24 +73,23 @@ pub fn warning(displacements: &[Displacement], photos: &[Photo]) -> Option<Warni
         all.sort_by(f64::total_cmp);
         all.get(all.len() / 2).copied().unwrap_or(0.0)
     };
-    let farthest = displacements.iter().zip(photos).max_by(|a, b| a.0.pixels.total_cmp(&b.0.pixels))?;
-    let (Displacement { pixels: most, .. }, Photo { name, .. }) = farthest;
     let [pixels, explained] = [median(|d| d.pixels), median(|d| d.explained)];
-    let what = if pixels >= DISPLACED && explained >= EXPLAINED {
+    let all = pixels >= DISPLACED && explained >= EXPLAINED;
+    let counts = |d: &Displacement| all || d.pixels >= ONE_DISPLACED && d.explained >= ONE_EXPLAINED;
+    let displaced: Vec<(&Displacement, &Photo)> = displacements.iter().zip(photos).filter(|(d, _)| counts(d)).collect();
+    let (Displacement { pixels: most, .. }, Photo { name, .. }) =
+        displaced.iter().max_by(|a, b| a.0.pixels.total_cmp(&b.0.pixels))?;
+    let what = if all {
         format!(
-            "the pictures are displaced by {pixels:.2} pixels (median) from what their cameras see of the volume, {name} \
-             by {most:.2}"
+            "the pictures are displaced by {pixels:.2} pixels (median) from what their cameras see of the volume, \
+             {name} by {most:.2}"
         )
     } else {
-        let displaced = |d: &&Displacement| d.pixels >= ONE_DISPLACED && d.explained >= ONE_EXPLAINED;
-        match displacements.iter().filter(displaced).count() {
-            0 => return None,
-            count => format!(
-                "{count} of {} pictures are displaced from what their cameras see of the volume, {name} by {most:.2} \
-                 pixels",
-                photos.len()
-            ),
-        }
+        format!(
+            "{} of {} pictures are displaced from what their cameras see of the volume, {name} by {most:.2} pixels",
+            displaced.len(),
+            photos.len()
+        )
     };
     let remedy = "the cameras do not suit one another: add --refine-cameras; if they were refined already, look for a \
                   picture that does not belong to the others, bounds that cut the volume, a lens that distorts, or a \

@@ -147,8 +147,8 @@ pub fn linearised<I: Differentiable<Real = f32>>(
     sums.into_iter().sum()
 }
 
-/// Returns how far points lie apart in the pictures of two cameras: the root mean square in pixels of the first; none
-/// if neither sees one of them.
+/// Returns how far points lie apart in the pictures of two cameras: the root mean square in pixels; none if both see
+/// none of them.
 pub fn displacement(from: &Camera, to: &Camera, points: &[DVec3]) -> Option<f64> {
     let apart = |point: &DVec3| Some(from.project(*point)?.0.distance_squared(to.project(*point)?.0));
     let squares: Vec<f64> = points.iter().filter_map(apart).collect();

@@ -142,9 +142,11 @@ fn displacements(from: &[Camera], to: &[Camera], points: &[DVec3]) -> f64 {
 /// The observation with these cameras, its pictures reduced to the level's size and its silhouettes widened.
 fn reduced(observation: &Observation, cameras: &[Camera], level: u32) -> Observation {
     let reduced = |(map, camera): (&DepthMap, &Camera)| {
-        let mut map = DepthMap { camera: *camera, ..map.clone() }.reduced(map.stride_within(1 << level));
-        map.widen_silhouette(MARGIN);
-        map
+        let mut reduced = map.reduced(map.stride_within(1 << level));
+        reduced.camera.camera_to_world = camera.camera_to_world;
+        reduced.camera.focal *= camera.focal / map.camera.focal;
+        reduced.widen_silhouette(MARGIN);
+        reduced
     };
     let maps = observation.maps.par_iter().zip(cameras).map(reduced).collect();
     Observation { maps, clean: observation.clean }
@@ -170,7 +172,7 @@ fn suited<'o>(views: &'o Observation, misfits: &[bool]) -> Cow<'o, Observation> 
     Cow::Owned(Observation { maps, clean: views.clean })
 }
 
-/// The densities on a level, from all views.
+/// The densities on a level, from the given views.
 fn densities(
     views: &Observation,
     request: &Request,
