@@ -25,7 +25,6 @@ use gauge::{align, rotation};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use nalgebra::DVector;
 use rayon::prelude::*;
-use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::sync::atomic::AtomicBool;
 
@@ -51,9 +50,6 @@ const FOUND: f64 = 0.002;
 const FOUND_WITH_FOCAL: f64 = 0.0005;
 /// Largest step, in radians, in units of the distance or of the focal length's logarithm.
 const LARGEST: f64 = 0.2;
-/// Error of a view over that of most from which on it is left out of the densities, and the views that this takes.
-const MISFIT: f64 = 3.0;
-const ENOUGH: usize = 8;
 /// Pixels of a level by which silhouettes are widened: cameras that are off would cut each other's.
 const MARGIN: usize = 2;
 
@@ -89,7 +85,6 @@ pub fn refine(
     let coordinates = Coordinates { given: &given, centre };
     let mut cameras = given.clone();
     let mut field: Option<Bricks<f32>> = None;
-    let mut misfits = vec![false; given.len()];
     let levels = levels(request);
     for level in (0..levels).rev() {
         let damping = if level + 1 == levels && levels > 1 { COARSE_DAMPING } else { DAMPING };
@@ -97,9 +92,8 @@ pub fn refine(
         for round in 0..rounds(level, levels) {
             let views = reduced(observation, &cameras, level);
             let iterations = if level == 0 && round > 0 { ITERATIONS } else { FIRST_ITERATIONS };
-            let solved = densities(&suited(&views, &misfits), request, level, iterations, field.take())?;
-            let (mut moved, errors) = step(&views, &solved, request, &cameras, damping, focal);
-            misfits = outliers(&errors);
+            let solved = densities(&views, request, level, iterations, field.take())?;
+            let mut moved = step(&views, &solved, request, &cameras, damping, focal);
             if request.cancel.requested() {
                 return Err(Error::cancelled());
             }
@@ -152,27 +146,7 @@ fn reduced(observation: &Observation, cameras: &[Camera], level: u32) -> Observa
     Observation { maps, clean: observation.clean }
 }
 
-/// Marks the views whose errors are many times those of most: what they see is not the volume of the others, and their
-/// silhouettes would cut it. Of few views none can be spared.
-fn outliers(errors: &[f64]) -> Vec<bool> {
-    let mut sorted = errors.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let limit = MISFIT * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-    let marks: Vec<bool> = errors.iter().map(|error| *error > limit).collect();
-    let few = errors.len() < ENOUGH || marks.iter().filter(|mark| **mark).count() * 4 > errors.len();
-    if few { vec![false; errors.len()] } else { marks }
-}
-
-/// The views that are not marked.
-fn suited<'o>(views: &'o Observation, misfits: &[bool]) -> Cow<'o, Observation> {
-    if !misfits.contains(&true) {
-        return Cow::Borrowed(views);
-    }
-    let maps = views.maps.iter().zip(misfits).filter(|(_, misfit)| !**misfit).map(|(map, _)| map.clone()).collect();
-    Cow::Owned(Observation { maps, clean: views.clean })
-}
-
-/// The densities on a level, from the given views.
+/// The densities on a level, from all views.
 fn densities(
     views: &Observation,
     request: &Request,
@@ -190,7 +164,7 @@ fn densities(
     Ok(density::reconstruct(views, &request, watch)?.field)
 }
 
-/// The cameras of the full pictures after one step each, and the root mean square of each view's errors before it.
+/// The cameras of the full pictures after one step each.
 fn step(
     views: &Observation,
     field: &Bricks<f32>,
@@ -198,10 +172,10 @@ fn step(
     cameras: &[Camera],
     damping: f64,
     focal: bool,
-) -> (Vec<Camera>, Vec<f64>) {
+) -> Vec<Camera> {
     let medium = Medium::absorbing(request.medium.extinction);
     let colors = Colors::of(&medium, [1.0; 3]);
-    let Ok(dvr) = Dvr::new(field, medium) else { return (cameras.to_vec(), vec![0.0; cameras.len()]) };
+    let Ok(dvr) = Dvr::new(field, medium) else { return cameras.to_vec() };
     let renderer = dvr.early_stop(0.0).over([1.0; 3]);
     let frame = |camera: &Camera| {
         Frame::new(camera, camera.position().distance(request.bounds.centre()).max(f64::MIN_POSITIVE))
@@ -214,13 +188,12 @@ fn step(
     let largest = equations.iter().map(|(_, spectrum)| spectrum.largest()).fold(0.0, f64::max);
     let (poses, factor, _) = steps(&equations, damping * largest, focal);
     let size = poses.iter().map(Pose::amax).fold(factor.abs(), f64::max);
-    let errors = equations.iter().map(|(normal, _)| normal.rms()).collect();
     if !size.is_finite() {
-        return (cameras.to_vec(), errors);
+        return cameras.to_vec();
     }
     let share = (LARGEST / size).min(1.0);
     let moved = |(camera, step): (&Camera, &Pose)| frame(camera).moved(camera, &(share * step), share * factor);
-    (cameras.iter().zip(&poses).map(moved).collect(), errors)
+    cameras.iter().zip(&poses).map(moved).collect()
 }
 
 /// Normal equations of the camera of a map's transmittances.
