@@ -121,6 +121,88 @@ fn disturbed_cameras_come_back() {
     }
 }
 
+/// The 60 corners of a truncated icosahedron with edges of length 2.
+fn atoms() -> Vec<DVec3> {
+    let golden = f64::midpoint(1.0, 5.0_f64.sqrt());
+    let corners = [[0.0, 1.0, 3.0 * golden], [2.0, 1.0 + 2.0 * golden, golden], [1.0, 2.0 + golden, 2.0 * golden]];
+    let mut atoms: Vec<DVec3> = Vec::new();
+    for (corner, signs, turn) in
+        corners.into_iter().flat_map(|c| (0..8).flat_map(move |s| (0..3).map(move |t| (c, s, t))))
+    {
+        let at = |k: usize| if signs >> k & 1 == 1 { -corner[k] } else { corner[k] };
+        let atom = DVec3::new(at(turn % 3), at((turn + 1) % 3), at((turn + 2) % 3));
+        if atoms.iter().all(|a| a.distance(atom) > 1e-6) {
+            atoms.push(atom);
+        }
+    }
+    atoms
+}
+
+/// Through narrow peaks a molecule is made of thin shells, looks alike from many places, and is 30 pixels wide.
+#[test]
+fn cameras_around_a_symmetric_molecule_do_not_run_off() {
+    let work = Work::new();
+    let atoms = atoms();
+    assert_eq!(atoms.len(), 60);
+    let molecule = |p: DVec3| {
+        let place = (p - 23.5) * (14.0 / 48.0);
+        let sum: f64 = atoms.iter().map(|a| (-place.distance_squared(*a) / 0.98).exp()).sum();
+        0.8 * sum * ((6.7 - place.abs().max_element()) / 0.6).clamp(0.0, 1.0)
+    };
+    write(&work, "c60.vdb", &grid(48, unit(), molecule));
+    let peak = |(at, color): (f64, [f64; 3])| {
+        let point = |d: f64, extinction: f64| [at + d, color[0], color[1], color[2], extinction];
+        [point(-0.04, 0.0), point(0.0, 0.7), point(0.04, 0.0)]
+    };
+    let colors = [[1.0, 0.2, 0.1], [1.0, 0.8, 0.1], [0.2, 0.9, 0.2], [0.1, 0.6, 1.0], [0.8, 0.2, 0.9]];
+    let points = [0.15, 0.32, 0.5, 0.68, 0.85].into_iter().zip(colors).flat_map(peak).collect();
+    transfer::save(&work.path("peaks.tf.json"), &Transfer::Piecewise { points }, None, None).unwrap();
+    let middle = centre(&work, "c60.vdb");
+    work.json("render c60.vdb --views 24 --size 48x48 --tf peaks.tf.json -o c");
+    disturb(&work, "c/transforms.json", "c/off.json", middle, 5.0, 5.0, 1.0);
+    work.json("pose c/off.json --volume c60.vdb -o c/found.json");
+    let (degrees, percent) = apart(&work, "c/transforms.json", "c/found.json", middle);
+    assert!(degrees < 0.02 && percent < 0.05, "{degrees} degrees, {percent} %");
+}
+
+/// Stripes are what no camera sees, and one that began far off is named as well.
+#[test]
+fn what_is_not_found_nearby_is_said() {
+    let work = Work::new();
+    write(&work, "a.vdb", &lumpy());
+    let middle = centre(&work, "a.vdb");
+    work.json("render a.vdb --views 4 --size 48x48 --density-scale auto -o c");
+    disturb(&work, "c/transforms.json", "c/off.json", middle, 2.0, 2.0, 1.0);
+    work.edit("c", |i, film| {
+        if i == 1 {
+            film.rgba
+                .iter_mut()
+                .enumerate()
+                .filter(|(i, _)| i / 6 % 2 == 0)
+                .for_each(|(_, p)| *p = [1.0, 1.0, 1.0, 0.0]);
+        }
+    });
+    let mut capture = transforms::load(&work.path("c/off.json")).unwrap();
+    let start = capture.frames[1].camera;
+    let far = &mut capture.frames[2].camera;
+    let turn = DQuat::from_scaled_axis(1.2 * far.camera_to_world.y_axis.truncate());
+    let axes = DMat3::from_quat(turn) * DMat3::from_mat4(far.camera_to_world);
+    far.camera_to_world = glam::DMat4::from_mat3_translation(axes, middle + turn * (far.position() - middle));
+    transforms::save(&work.path("c/off.json"), &capture, &Map::new()).unwrap();
+    let report = work.json("pose c/off.json --volume a.vdb -o c/found.json");
+    let [cameras, warnings] = ["cameras", "warnings"].map(|key| report[key].as_array().unwrap());
+    let note = |i: usize| cameras[i]["note"].as_str().unwrap_or_default();
+    let unexplained: Vec<f64> = cameras.iter().map(|c| c["unexplained_variance"].as_f64().unwrap()).collect();
+    assert!(unexplained[1] > 0.02 && note(1).contains("unexplained"), "{}", cameras[1]);
+    assert!(warnings.iter().any(|w| w["what"].as_str().unwrap().contains("of 4 pictures")), "{warnings:?}");
+    assert!(unexplained[0] < 1e-4 && unexplained[3] < 1e-4 && note(0).is_empty() && note(3).is_empty());
+    assert!(note(2).contains(if unexplained[2] > 0.02 { "unexplained" } else { "moved far" }), "{}", cameras[2]);
+    // Never led astray: either near where it was, or there.
+    let kept = transforms::load(&work.path("c/found.json")).unwrap().frames[1].camera;
+    assert!(start.rotation_to(&kept).length() < 0.25, "{report:#}");
+    assert_eq!(kept == start, note(1).starts_with("no pose was found"), "{report:#}");
+}
+
 #[test]
 fn a_shared_focal_length_is_found() {
     let work = Work::new();

@@ -272,7 +272,7 @@ fn degrees_apart(work: &Work, exact: &[Camera]) -> f64 {
     let mut found: Vec<Camera> =
         transforms::load(&work.path("found.cameras.json")).unwrap().frames.iter().map(|frame| frame.camera).collect();
     gauge::align(&mut found, exact, &Aabb { min: DVec3::splat(-1.0), max: DVec3::ONE }.inner_corners());
-    let squares = found.iter().zip(exact).map(|(a, b)| gauge::rotation(a, b).length_squared());
+    let squares = found.iter().zip(exact).map(|(a, b)| a.rotation_to(b).length_squared());
     (squares.sum::<f64>() / exact.len() as f64).sqrt().to_degrees()
 }
 

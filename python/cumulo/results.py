@@ -246,6 +246,7 @@ class PosedCamera(Report):
     moved_percent: float
     iterations: int
     undetermined: int
+    unexplained_variance: float | None = None
     note: str | None = None
 
 

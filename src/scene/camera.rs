@@ -222,6 +222,20 @@ impl Camera {
         self
     }
 
+    /// The rotation that turns this camera's axes into those of another one: a rotation vector along world axes.
+    pub fn rotation_to(&self, to: &Self) -> DVec3 {
+        let axes = |camera: &Self| DMat3::from_mat4(camera.camera_to_world);
+        DQuat::from_mat3(&(axes(to) * axes(self).transpose())).to_scaled_axis()
+    }
+
+    /// How far points lie apart in the pictures of this camera and another one: the root mean square in pixels; `None` if
+    /// both see none of them.
+    pub fn displacement(&self, to: &Self, points: &[DVec3]) -> Option<f64> {
+        let apart = |point: &DVec3| Some(self.project(*point)?.0.distance_squared(to.project(*point)?.0));
+        let squares: Vec<f64> = points.iter().filter_map(apart).collect();
+        (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+    }
+
     /// Image position of a world point in pixels, and the point's distance along the viewing axis. `None` for points at
     /// or behind a perspective camera.
     pub fn project(&self, world: DVec3) -> Option<(DVec2, f64)> {

@@ -14,9 +14,11 @@ use crate::formats::{captures, protected, transforms};
 use crate::math::Aabb;
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::{Emission, Warning};
-use crate::optimise::pose::{self, Colors, PoseEstimate, Request, levels};
+use crate::optimise::pose::colors::Colors;
+use crate::optimise::pose::pyramid::levels;
+use crate::optimise::pose::search::{PoseEstimate, Request, UNEXPLAINED, solve};
 use crate::optimise::projection::observation::Photo;
-use crate::optimise::refinement::gauge::rotation;
+
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::bricks::Bricks;
@@ -36,7 +38,8 @@ use std::time::Instant;
 /// Find where cameras stood, from their pictures and the volume in them
 ///
 /// Cameras of the capture are where the search begins: a few degrees and a few percent of the distance off. Position
-/// and rotation of each are moved until what it sees of the volume is its picture. Where the capture's model is
+/// and rotation of each are moved until what it sees of the volume is its picture. A camera that finds no such place
+/// nearby stays where it was, and is named. Where the capture's model is
 /// pre-shaded, the volume needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit
 /// code 1); --resume goes on from it.
 #[derive(Debug, clap::Args)]
@@ -98,6 +101,8 @@ struct CameraReport {
     iterations: u32,
     /// Number of the camera's six directions of motion that the picture does not determine: along them it stays.
     undetermined: usize,
+    /// Share of the picture's variance that the search left unexplained, white noise apart; none if it was stopped.
+    unexplained_variance: Option<f64>,
     note: Option<String>,
 }
 
@@ -243,8 +248,8 @@ impl Pose {
         let begun = Instant::now();
         let tick = || bar.inc(1);
         let poses = match renderer {
-            AnyRenderer::Density(dvr) => pose::solve(dvr, reference.as_ref(), targets, &request, task.cancel, &tick),
-            AnyRenderer::PreShaded(volume) => pose::solve(volume, None, targets, &request, task.cancel, &tick),
+            AnyRenderer::Density(dvr) => solve(dvr, reference.as_ref(), targets, &request, task.cancel, &tick),
+            AnyRenderer::PreShaded(volume) => solve(volume, None, targets, &request, task.cancel, &tick),
         };
         let seconds = begun.elapsed().as_secs_f64();
         bar.finish_and_clear();
@@ -308,14 +313,7 @@ impl Pose {
             .zip(poses)
             .map(|(frame, pose)| {
                 let (degrees, percent) = apart(&frame.camera, &pose.camera, centre);
-                let note = match pose.undetermined {
-                    0 => None,
-                    6 => Some("the picture says nothing about the camera, which stays where it was".to_owned()),
-                    n => Some(format!(
-                        "the picture says nothing about {n} of the camera's six directions of motion, along which it \
-                         stays where it was"
-                    )),
-                };
+                let note = note(pose, degrees);
                 CameraReport {
                     picture: frame.picture.file_name().unwrap_or(frame.picture.as_os_str()).to_string_lossy().into(),
                     rms_before: pose.rms[0],
@@ -324,6 +322,7 @@ impl Pose {
                     moved_percent: percent,
                     iterations: pose.iterations,
                     undetermined: pose.undetermined,
+                    unexplained_variance: Some(pose.unexplained_variance).filter(|v| v.is_finite()),
                     note,
                 }
             })
@@ -348,17 +347,42 @@ impl Pose {
     }
 }
 
-/// RMS difference of the colors above which a picture is not what its camera sees, relative to the peak of 1.
-const UNLIKE: f64 = 0.1;
+/// Returns what there is to say about how a search ended whose camera was turned by `degrees`.
+fn note(pose: &PoseEstimate, degrees: f64) -> Option<String> {
+    let share = 100.0 * pose.unexplained_variance;
+    let unexplained = pose.unexplained_variance > UNEXPLAINED;
+    match pose.undetermined {
+        _ if unexplained && pose.far => Some(format!(
+            "no pose was found near the given one, where the camera stays: the best leaves {share:.1} % of the picture's \
+             variance unexplained"
+        )),
+        _ if unexplained => Some(format!(
+            "{share:.1} % of the picture's variance is unexplained: the pose is not certain, or the volume is not that of \
+             the picture"
+        )),
+        _ if pose.far => Some(format!(
+            "the camera moved far, by {degrees:.1} degrees: check it, for a symmetric volume looks alike from several places"
+        )),
+        0 => None,
+        6 => Some("the picture says nothing about the camera, which stays where it was".to_owned()),
+        n => Some(format!(
+            "the picture says nothing about {n} of the camera's six directions of motion, along which it stays where it \
+             was"
+        )),
+    }
+}
 
 /// Warns if pictures differ from what their cameras see.
 fn unexplained(poses: &[PoseEstimate]) -> Option<Warning> {
-    let poor = poses.iter().filter(|f| f.rms[1] > UNLIKE).count();
+    let of = |poor: &&PoseEstimate| poor.unexplained_variance > UNEXPLAINED;
+    let (poor, lost) = (poses.iter().filter(of).count(), poses.iter().filter(of).filter(|pose| pose.far).count());
     (poor > 0).then(|| {
         Warning::new(
             format!(
-                "{poor} of {} pictures differ from what their cameras see by more than {UNLIKE} (RMS)",
-                poses.len()
+                "{poor} of {} pictures are not what their cameras see: more than {} % of the variance is unexplained; \
+                 {lost} of these cameras stay where they were",
+                poses.len(),
+                100.0 * UNEXPLAINED
             ),
             "check that the volume, --tf, density_scale, model and background are those of the pictures, and that the \
              search began within a few degrees",
@@ -369,7 +393,7 @@ fn unexplained(poses: &[PoseEstimate]) -> Option<Warning> {
 /// Returns the angle in degrees between two cameras' axes, and the distance between them in percent of the distance of the first one
 /// to `centre`.
 fn apart(a: &Camera, b: &Camera, centre: DVec3) -> (f64, f64) {
-    let degrees = rotation(a, b).length().to_degrees();
+    let degrees = a.rotation_to(b).length().to_degrees();
     let distance = a.position().distance(centre).max(f64::MIN_POSITIVE);
     (degrees, 100.0 * a.position().distance(b.position()) / distance)
 }

@@ -9,7 +9,7 @@ use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::displacement::{self, displacements};
 use crate::optimise::plausibility::residuals::Residuals;
-use crate::optimise::pose::Colors;
+use crate::optimise::pose::colors::Colors;
 use crate::optimise::projection::observation::Photo;
 use crate::optimise::study::subject::Subject;
 use crate::render::composited::Composited;

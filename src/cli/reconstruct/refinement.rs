@@ -10,10 +10,8 @@ use crate::formats::transforms;
 use crate::optimise::density::Request;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::cost::{Cost, Method};
-use crate::optimise::pose::displacement;
 use crate::optimise::projection::observation::Observation;
 use crate::optimise::refinement;
-use crate::optimise::refinement::gauge::rotation;
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
 use std::path::{Path, PathBuf};
@@ -109,10 +107,10 @@ impl RefineCameras {
         let centre = request.bounds.centre();
         let motion = |((name, from), to): ((&Path, &Camera), &Camera)| CameraMotion {
             picture: name.file_name().unwrap_or(name.as_os_str()).to_string_lossy().into(),
-            rotated_degrees: rotation(from, to).length().to_degrees(),
+            rotated_degrees: from.rotation_to(to).length().to_degrees(),
             moved_percent: 100.0 * from.position().distance(to.position())
                 / from.position().distance(centre).max(f64::MIN_POSITIVE),
-            displaced_pixels: displacement(from, to, &points).unwrap_or(0.0),
+            displaced_pixels: from.displacement(to, &points).unwrap_or(0.0),
         };
         let motions: Vec<CameraMotion> = names.zip(&given).zip(&cameras).map(motion).collect();
         let warnings = far(&motions);

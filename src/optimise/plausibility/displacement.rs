@@ -6,8 +6,8 @@
 use super::Warning;
 use crate::cancel::Cancel;
 use crate::optimise::gradient::camera_jacobian::Rows;
+use crate::optimise::pose::colors::{Colors, linearised};
 use crate::optimise::pose::normal::{Frame, steps};
-use crate::optimise::pose::{Colors, displacement, linearised};
 use crate::optimise::projection::observation::Photo;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
@@ -60,7 +60,7 @@ pub fn displacements<I: Differentiable<Real = f32>>(
         let normal = linearised(&rows, &frame, &photo.film.rgba, colors, (rows.pixels() / enough).max(1) | 1);
         let spectrum = normal.spectrum();
         let (poses, _, predicted) = steps(&[(normal, spectrum)], DAMPING * spectrum.largest(), false);
-        let pixels = displacement(camera, &frame.moved(camera, &poses[0], 0.0), points).unwrap_or(0.0);
+        let pixels = camera.displacement(&frame.moved(camera, &poses[0], 0.0), points).unwrap_or(0.0);
         Displacement { pixels, explained: predicted / normal.error.max(f64::MIN_POSITIVE) }
     };
     photos.par_iter().map(of_view).collect()

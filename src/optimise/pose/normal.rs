@@ -35,6 +35,13 @@ impl Frame {
         (Pose::new(r.x, r.y, r.z, p.x, p.y, p.z), by.focal.x * self.focal[0] + by.focal.y * self.focal[1])
     }
 
+    /// How far a camera has come from another one.
+    pub fn displacement(&self, from: &Camera, to: &Camera) -> Pose {
+        let own = |v: DVec3| self.axes.transpose() * v;
+        let (r, p) = (own(from.rotation_to(to)), own(to.position() - from.position()) / self.distance);
+        Pose::new(r.x, r.y, r.z, p.x, p.y, p.z)
+    }
+
     /// The camera after a step of the pose and of the logarithm of the focal length.
     pub fn moved(&self, camera: &Camera, step: &Pose, focal: f64) -> Camera {
         let rotation = self.axes * DVec3::new(step[0], step[1], step[2]);
@@ -69,6 +76,15 @@ impl Normal {
         self.focal_right += residual * focal;
         self.error += residual * residual;
         self.count += 1;
+    }
+
+    /// With a Gaussian prior of standard deviation `1 / √weight` around a pose that lies `displacement` behind.
+    #[must_use]
+    pub fn with_prior(mut self, displacement: &Pose, weight: f64) -> Self {
+        self.matrix += weight * Square::identity();
+        self.right -= weight * displacement;
+        self.error += weight * displacement.norm_squared();
+        self
     }
 
     /// Root of the mean squared residual; zero if there are none.
@@ -191,6 +207,28 @@ mod tests {
         }
         let error: f64 = equations.iter().map(|(normal, _)| normal.error).sum();
         assert!((predicted - error).abs() < 1e-12 * error, "all of the error is explained");
+    }
+
+    /// With the prior, the step leads to the minimum of the squares of residuals and displacement together.
+    #[test]
+    fn a_prior_draws_back() {
+        let truth = Pose::new(0.1, -0.2, 0.3, 0.05, 0.2, -0.1);
+        let displacement = Pose::new(-0.1, 0.2, 0.1, 0.0, 0.05, 0.3);
+        let residuals = |step: Pose| rows(40, 2.0).into_iter().map(move |row| (row, row.0.dot(&(truth - step))));
+        let at = |step: &Pose| {
+            let mut normal = Normal::default();
+            residuals(*step).for_each(|((pose, _), residual)| normal.add(&(pose, 0.0), residual));
+            normal.with_prior(&(displacement + step), 7.0)
+        };
+        let normal = at(&Pose::zeros());
+        let (poses, _, predicted) = steps(&[(normal, normal.spectrum())], 0.0, false);
+        let least = at(&poses[0]).error;
+        assert!((normal.error - least - predicted).abs() < 1e-9 * normal.error);
+        for k in 0..6 {
+            for sign in [-1e-3, 1e-3] {
+                assert!(at(&(poses[0] + sign * Pose::ith(k, 1.0))).error > least);
+            }
+        }
     }
 
     #[test]

@@ -69,12 +69,6 @@ fn moved(point: DVec3, by: &Similarity, centre: DVec3, size: f64) -> DVec3 {
     by[6].exp() * (rotation_of(by) * (point - centre)) + centre + size * DVec3::new(by[3], by[4], by[5])
 }
 
-/// The rotation that turns the axes of the camera `from` into those of `to`: a rotation vector along world axes.
-pub fn rotation(from: &Camera, to: &Camera) -> DVec3 {
-    let axes = |camera: &Camera| DMat3::from_mat4(camera.camera_to_world);
-    DQuat::from_mat3(&(axes(to) * axes(from).transpose())).to_scaled_axis()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

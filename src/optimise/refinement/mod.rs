@@ -11,8 +11,8 @@ pub mod gauge;
 use crate::error::{Error, Result};
 use crate::optimise::density::{self, Request};
 use crate::optimise::gradient::camera_jacobian::Rows;
+use crate::optimise::pose::colors::{Colors, linearised};
 use crate::optimise::pose::normal::{Frame, Normal, Pose, Spectrum, steps};
-use crate::optimise::pose::{Colors, displacement, linearised};
 use crate::optimise::projection::observation::{DepthMap, Observation};
 use crate::optimise::region::lattice;
 use crate::optimise::solver::anderson::Anderson;
@@ -21,7 +21,7 @@ use crate::render::dvr::Dvr;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
 use crate::scene::medium::Medium;
-use gauge::{align, rotation};
+use gauge::align;
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use nalgebra::DVector;
 use rayon::prelude::*;
@@ -128,7 +128,7 @@ fn rounds(level: u32, levels: u32) -> u32 {
 
 /// Root mean square of the displacements between cameras, in pixels.
 fn displacements(from: &[Camera], to: &[Camera], points: &[DVec3]) -> f64 {
-    let squares = from.iter().zip(to).filter_map(|(a, b)| displacement(a, b, points)).map(|pixels| pixels * pixels);
+    let squares = from.iter().zip(to).filter_map(|(a, b)| a.displacement(b, points)).map(|pixels| pixels * pixels);
     let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
     (sum / f64::max(count, 1.0)).sqrt()
 }
@@ -231,7 +231,7 @@ impl Coordinates<'_> {
 
     fn of(&self, cameras: &[Camera]) -> DVector<f64> {
         let numbers = cameras.iter().zip(self.given).flat_map(|(camera, given)| {
-            let turn = rotation(given, camera);
+            let turn = given.rotation_to(camera);
             let motion = (camera.position() - given.position()) / self.distance(given);
             [turn.x, turn.y, turn.z, motion.x, motion.y, motion.z, (camera.focal.x / given.focal.x).ln()]
         });
