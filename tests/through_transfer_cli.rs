@@ -184,6 +184,40 @@ fn what_pictures_do_not_say_has_no_confidence() {
     assert!(mean(&steep) > 0.6 && mean(&clear) < 0.1, "{} {}", mean(&steep), mean(&clear));
 }
 
+/// Both flanks of a bump of one color look the same: whichever is found, it is not claimed to be known, and that is said.
+#[test]
+fn flanks_that_look_alike_are_not_claimed_to_be_known() {
+    let work = Work::new();
+    let points =
+        [[0.0, 0.9, 0.6, 0.3, 0.0], [0.4, 0.9, 0.6, 0.3, 6.0], [0.8, 0.9, 0.6, 0.3, 0.0], [1.0, 0.9, 0.6, 0.3, 0.0]];
+    let function = json!({"format": "cumulo-transfer-function", "version": 1,
+        "transfer": {"kind": "piecewise", "points": points}});
+    std::fs::write(work.path("bump.tf.json"), function.to_string()).unwrap();
+    work.json("render @plume.vdb --tf bump.tf.json --views 16 --size 48x48 --background 0.2,0.1,0.3 -o cap");
+    let report = work.json("reconstruct density cap -o found.vdb --iterations 4");
+    let warnings = report["warnings"].as_array().unwrap();
+    assert!(warnings.iter().any(|w| w["what"].as_str().unwrap().contains("shows like")), "{warnings:?}");
+    let file = File::open(work.path("found.vdb"), Limits::default()).unwrap();
+    let bricks = |name: &str| Bricks::<f32>::from_grid(&file.read_grid(name).unwrap(), 1 << 30).unwrap();
+    let (densities, known) = (bricks("density"), bricks("density_confidence"));
+    let plume = File::open(work::fixture("plume.vdb"), Limits::default()).unwrap().read_grid("density").unwrap();
+    let truth = Bricks::<f32>::from_grid(&plume, 1 << 30).unwrap();
+    let (mut count, mut wrong, mut claimed) = (0, 0, 0);
+    let (corner, size) = (densities.topology.bounds().min, densities.topology.bounds().size().as_ivec3());
+    for k in 0..size.x * size.y * size.z {
+        let offset = DVec3::new(f64::from(k / size.y / size.z), f64::from(k / size.z % size.y), f64::from(k % size.z));
+        let at = corner + offset;
+        if known.sample(at) > 0.0 {
+            let exact = truth.sample(truth.transform.to_index(densities.transform.to_world(at)));
+            let off = (densities.sample(at) - exact).abs() > 0.1;
+            (count, wrong) = (count + 1, wrong + u32::from(off));
+            claimed += u32::from(off && known.sample(at) > 0.9);
+        }
+    }
+    assert!(wrong * 50 > count, "nothing is tested: {wrong} of {count} are wrong");
+    assert!(claimed * 50 < count, "{claimed} of {count} are claimed, {wrong} wrong");
+}
+
 #[test]
 fn runs_are_the_same_for_any_number_of_threads() {
     let work = with_pictures(9, 24);

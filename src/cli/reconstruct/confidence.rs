@@ -3,6 +3,7 @@
 use crate::error::Result;
 use crate::formats::vdb::{CONFIDENCE, shaded};
 use crate::optimise::density::Request;
+use crate::optimise::density::alternatives::Alternatives;
 use crate::optimise::density::confidence::{Group, confidence};
 use crate::optimise::density::descent::ForwardModel;
 use crate::optimise::gradient::pictures::Target;
@@ -26,6 +27,8 @@ use glam::Vec4;
 const LEAST_NOISE: f64 = 1.0 / 512.0;
 /// Standard deviation of the prior on a voxel, relative to the range of values.
 const PRIOR_DEVIATION: f64 = 0.1;
+/// Share of the voxels that the pictures show which may have alternatives without a warning.
+const AMBIGUOUS: f64 = 0.02;
 /// Percentage of the positive values that lie below what counts as their range, where no transfer function says it.
 const RANGE_PERCENTILE: usize = 99;
 
@@ -56,7 +59,26 @@ pub fn of_densities(
     let model = ForwardModel { medium: &request.medium, background: request.background, quadrature };
     let renderer = model.renderer(field)?;
     let deviation = PRIOR_DEVIATION * range(field, &request.medium.source);
-    Ok(fit.grids(&renderer, &[(&[0], deviation)], &[name], tick))
+    let (mut by_group, mut warnings) = fit.confidences(&renderer, &[(&[0], deviation)], tick);
+    if let (Source::Transfer(table), Some(confidence)) = (&request.medium.source, by_group.first_mut()) {
+        warnings.extend(shown_alike(Alternatives::new(table).lower(field, confidence, deviation)));
+    }
+    Ok((by_group.iter().map(|confidence| as_grid(field, confidence, name)).collect(), warnings))
+}
+
+/// Warns if the transfer function shows the densities of more than a small share of the voxels like others.
+fn shown_alike(share: f64) -> Option<Warning> {
+    (share > AMBIGUOUS).then(|| {
+        Warning::new(
+            format!(
+                "{:.0} % of the voxels that the pictures show have a density that the transfer function shows like \
+                 another one, a tenth of its range away or more: they may be wrong however well the pictures agree",
+                100.0 * share
+            ),
+            "look at density_confidence, which is low there; take the pictures with a function whose densities have \
+             colors of their own",
+        )
+    })
 }
 
 /// Warns of cameras that do not suit the densities that were found with them.
@@ -79,29 +101,28 @@ pub fn of_pre_shaded(volume: &Bricks<Vec4>, fit: Fit<'_>, tick: impl FnMut(usize
     let emission = (0..3).map(deviation).fold(0.0, f64::max);
     let renderer = Preshaded::new(volume).over(fit.request.background);
     let groups: [Group<'_>; 2] = [(&[3], deviation(3)), (&[0, 1, 2], emission)];
-    fit.grids(&renderer, &groups, &[shaded::EXTINCTION, shaded::EMISSION], tick)
+    let (by_group, warnings) = fit.confidences(&renderer, &groups, tick);
+    let grids = by_group.iter().zip([shaded::EXTINCTION, shaded::EMISSION]);
+    (grids.map(|(confidence, name)| as_grid(volume, confidence, name)).collect(), warnings)
 }
 
 impl Fit<'_> {
-    /// Measures the confidence of each group of channels, as a grid beside the one of its name in `names`. The warnings are
-    /// those of the residuals.
-    fn grids<I>(
+    /// Measures the confidence of each group of channels; none once the work is to stop. The warnings are those of the
+    /// residuals.
+    fn confidences<I>(
         self,
         renderer: &Composited<I>,
         groups: &[Group<'_>],
-        names: &[&str],
         tick: impl FnMut(usize, usize),
-    ) -> (Vec<Grid>, Vec<Warning>)
+    ) -> (Vec<Vec<f32>>, Vec<Warning>)
     where
         I: Differentiable<Real = f32, Voxel: Subject>,
     {
         let targets = self.targets();
         let views: Vec<&Target> = targets.iter().collect();
         let warnings = self.residual_warnings(renderer);
-        let field = renderer.integrator.field();
         let by_group = confidence(renderer, &views, self.noise(), groups, self.request.cancel, tick);
-        let grids = by_group.unwrap_or_default().into_iter().zip(names);
-        (grids.map(|(confidence, name)| as_grid(field, &confidence, name)).collect(), warnings)
+        (by_group.unwrap_or_default(), warnings)
     }
 
     fn residual_warnings<I: Differentiable<Real = f32>>(self, renderer: &Composited<I>) -> Vec<Warning> {

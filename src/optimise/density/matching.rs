@@ -53,22 +53,41 @@ struct Samples {
 /// A neighbour: the target between it and the voxel, and the index of its density.
 type Beside = (Vec4, u16);
 
+fn range(table: &Table) -> f64 {
+    table.knots()[table.knots().len() - 1].max(f64::MIN_POSITIVE)
+}
+
+/// Returns the densities from 0 to the function's last knot at which it is looked at: `points` of equal distance, and
+/// the knots.
+pub fn sampled(table: &Table, points: usize) -> Vec<f64> {
+    let range = range(table);
+    let mut density: Vec<f64> = (0..=points).map(|i| range * i as f64 / points as f64).collect();
+    density.extend(table.knots().iter().filter(|k| **k > 0.0));
+    density.sort_by(f64::total_cmp);
+    density.dedup_by(|a, b| (*a - *b).abs() < 1e-4 * range);
+    density
+}
+
+/// Returns emission (R, G, B) and extinction at each density, and by what they are to be multiplied so that differences
+/// are in units of [`COLOR_ERROR`].
+pub fn shaded(table: &Table, scale: f64, density: &[f64]) -> (Vec<[f64; 4]>, [f64; 4]) {
+    let of = |d: &f64| {
+        let [r, g, b, extinction] = table.at(*d);
+        [r, g, b, 1.0].map(|c| scale * extinction * c)
+    };
+    let all: Vec<[f64; 4]> = density.iter().map(of).collect();
+    let largest = |c: usize| all.iter().fold(f64::MIN_POSITIVE, |a, v| a.max(v[c]));
+    // Light is light: one unit for all its channels.
+    let brightest = largest(0).max(largest(1)).max(largest(2));
+    let unit = [brightest, brightest, brightest, largest(3)].map(|v| 1.0 / (f64::from(COLOR_ERROR) * v));
+    (all, unit)
+}
+
 impl Samples {
     fn new(table: &Table, scale: f64) -> Self {
-        let range = table.knots()[table.knots().len() - 1].max(f64::MIN_POSITIVE);
-        let mut density: Vec<f64> = (0..=POINTS).map(|i| range * i as f64 / POINTS as f64).collect();
-        density.extend(table.knots().iter().filter(|k| **k > 0.0));
-        density.sort_by(f64::total_cmp);
-        density.dedup_by(|a, b| (*a - *b).abs() < 1e-4 * range);
-        let shaded = |d: &f64| {
-            let [r, g, b, extinction] = table.at(*d);
-            [r, g, b, 1.0].map(|c| scale * extinction * c)
-        };
-        let all: Vec<[f64; 4]> = density.iter().map(shaded).collect();
-        let largest = |c: usize| all.iter().fold(f64::MIN_POSITIVE, |a, v| a.max(v[c]));
-        // Light is light: one unit for all its channels.
-        let brightest = largest(0).max(largest(1)).max(largest(2));
-        let unit = [brightest, brightest, brightest, largest(3)].map(|v| 1.0 / (f64::from(COLOR_ERROR) * v));
+        let range = range(table);
+        let density = sampled(table, POINTS);
+        let (all, unit) = shaded(table, scale, &density);
         let integral = |c: usize| {
             let mut sum = 0.0;
             let steps = density.windows(2).zip(all.windows(2));

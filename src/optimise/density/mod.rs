@@ -1,5 +1,6 @@
 //! Density from absorption pictures: visual hull, levels from coarse to fine, and stopping criteria.
 
+pub mod alternatives;
 pub mod confidence;
 pub mod descent;
 mod held_out;
