@@ -165,6 +165,47 @@ fn cameras_around_a_symmetric_molecule_do_not_run_off() {
     assert!(degrees < 0.02 && percent < 0.05, "{degrees} degrees, {percent} %");
 }
 
+/// White noise is nothing that a camera should explain: cameras come back, and none is called into question.
+#[test]
+fn noise_calls_no_camera_into_question() {
+    let work = Work::new();
+    write(&work, "a.vdb", &lumpy());
+    let middle = centre(&work, "a.vdb");
+    work.json("render a.vdb --views 6 --size 64x64 --density-scale auto -o c");
+    disturb(&work, "c/transforms.json", "c/off.json", middle, 3.0, 3.0, 1.0);
+    work.edit("c", |view, film| {
+        for (i, v) in film.rgba.iter_mut().flat_map(|p| &mut p[..3]).enumerate() {
+            // Twelve uniform numbers have a variance of 1.
+            let sum: f64 = (0..12).map(|k| noise((view * 1_000_000 + 12 * i + k) as u64) - 0.5).sum();
+            *v += 0.02 * sum as f32;
+        }
+    });
+    let report = work.json("pose c/off.json --volume a.vdb -o c/found.json");
+    let (degrees, percent) = apart(&work, "c/transforms.json", "c/found.json", middle);
+    assert!(degrees < 2.0 && percent < 3.0, "{degrees} degrees, {percent} %");
+    for camera in report["cameras"].as_array().unwrap() {
+        assert!(camera["unexplained_variance"].as_f64().unwrap() < 0.02 && camera["note"].is_null(), "{camera}");
+    }
+}
+
+/// Detail of a pixel's size is not white noise: a volume of other rods than the pictures' is not explained.
+#[test]
+fn fine_detail_is_not_taken_for_noise() {
+    let work = Work::new();
+    let rods = |seed: u64| {
+        move |p: DVec3| {
+            f64::from(u8::from(noise(seed + 100 * p.x as u64 + p.y as u64) > 0.9 && p.z > 2.0 && p.z < 29.0))
+        }
+    };
+    write(&work, "a.vdb", &grid(32, unit(), rods(0)));
+    write(&work, "b.vdb", &grid(32, unit(), rods(5000)));
+    work.json("render a.vdb --views 4 --size 48x48 --density-scale auto -o c");
+    let report = work.json("pose c --volume b.vdb -o found.json");
+    for camera in report["cameras"].as_array().unwrap() {
+        assert!(camera["unexplained_variance"].as_f64().unwrap() > 0.1 && camera["note"].is_string(), "{camera}");
+    }
+}
+
 /// Stripes are what no camera sees, and one that began far off is named as well.
 #[test]
 fn what_is_not_found_nearby_is_said() {

@@ -228,8 +228,8 @@ impl Camera {
         DQuat::from_mat3(&(axes(to) * axes(self).transpose())).to_scaled_axis()
     }
 
-    /// How far points lie apart in the pictures of this camera and another one: the root mean square in pixels; `None` if
-    /// both see none of them.
+    /// How far points lie apart in the pictures of this camera and another one: the root mean square in pixels; `None`
+    /// if both see none of them.
     pub fn displacement(&self, to: &Self, points: &[DVec3]) -> Option<f64> {
         let apart = |point: &DVec3| Some(self.project(*point)?.0.distance_squared(to.project(*point)?.0));
         let squares: Vec<f64> = points.iter().filter_map(apart).collect();

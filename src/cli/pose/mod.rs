@@ -18,7 +18,6 @@ use crate::optimise::pose::colors::Colors;
 use crate::optimise::pose::pyramid::levels;
 use crate::optimise::pose::search::{PoseEstimate, Request, UNEXPLAINED, solve};
 use crate::optimise::projection::observation::Photo;
-
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::bricks::Bricks;
@@ -39,9 +38,8 @@ use std::time::Instant;
 ///
 /// Cameras of the capture are where the search begins: a few degrees and a few percent of the distance off. Position
 /// and rotation of each are moved until what it sees of the volume is its picture. A camera that finds no such place
-/// nearby stays where it was, and is named. Where the capture's model is
-/// pre-shaded, the volume needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit
-/// code 1); --resume goes on from it.
+/// nearby is named, and stays where it was if the search went far. Where the capture's model is pre-shaded, the volume
+/// needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit code 1); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Pose {
     /// transforms.json of the pictures, a model of COLMAP, or the folder of either
@@ -353,21 +351,21 @@ fn note(pose: &PoseEstimate, degrees: f64) -> Option<String> {
     let unexplained = pose.unexplained_variance > UNEXPLAINED;
     match pose.undetermined {
         _ if unexplained && pose.far => Some(format!(
-            "no pose was found near the given one, where the camera stays: the best leaves {share:.1} % of the picture's \
-             variance unexplained"
+            "no pose was found near the given one, where the camera stays: the best leaves {share:.1} % of the \
+             picture's variance unexplained"
         )),
         _ if unexplained => Some(format!(
-            "{share:.1} % of the picture's variance is unexplained: the pose is not certain, or the volume is not that of \
-             the picture"
+            "{share:.1} % of the picture's variance is unexplained: the pose is not certain, or the volume is not that \
+             of the picture"
         )),
         _ if pose.far => Some(format!(
-            "the camera moved far, by {degrees:.1} degrees: check it, for a symmetric volume looks alike from several places"
+            "the camera moved far, by {degrees:.1} degrees: check it, for a volume may look alike from several places"
         )),
         0 => None,
         6 => Some("the picture says nothing about the camera, which stays where it was".to_owned()),
         n => Some(format!(
-            "the picture says nothing about {n} of the camera's six directions of motion, along which it stays where it \
-             was"
+            "the picture says nothing about {n} of the camera's six directions of motion, along which it stays where \
+             it was"
         )),
     }
 }

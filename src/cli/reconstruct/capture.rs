@@ -15,7 +15,7 @@ pub(super) struct LoadedCapture {
     pub json: PathBuf,
     /// Cameras, paths of the pictures, and the model that they show.
     pub capture: Capture,
-    /// The same as the file states it, whatever becomes of `capture`.
+    /// The capture as its file states it, whatever a reconstruction makes of `capture`.
     stated: Capture,
 }
 

@@ -1,7 +1,7 @@
 //! Densities that a transfer function shows alike.
 //!
-//! Pictures tell emission and extinction, and these tell a density only where the function has them once. On both flanks
-//! of a peak of one color they are the same; and since the densities of a whole region can be mirrored at the peak
+//! Pictures tell emission and extinction, and these tell a density only where the function has them once. On both
+//! flanks of a peak of one color they are the same; and since the densities of a whole region can be mirrored at the peak
 //! without a step at its edge, neighbours do not tell the flanks apart either. How near a voxel's density is known
 //! locally says nothing of that. What looks like density 0, from the outside on, is taken for empty.
 
@@ -17,8 +17,8 @@ const POINTS: usize = 512;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alternatives {
     densities: Vec<f64>,
-    /// Squared distance, times how much alike they are: 1 the same, `exp(-n² / 2)` where emissions and extinctions differ
-    /// by n times the error that they have in a volume of colors.
+    /// Squared distance, times how much alike they are: 1 the same, `exp(-n² / 2)` where emissions and extinctions
+    /// differ by n times the error that they have in a volume of colors.
     squares: Vec<f64>,
     /// Densities from 0 to this one are shown like 0.
     clear: f64,

@@ -10,6 +10,7 @@ use crate::optimise::gradient::pictures::Target;
 use crate::optimise::pose::colors::{Colors, linearised};
 use crate::optimise::pose::normal::{Frame, Normal, Pose, Spectrum, steps};
 use crate::optimise::pose::pyramid::{pyramid, shrunk};
+use crate::optimise::projection::plane::Plane;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
 use crate::scene::camera::Camera;
@@ -17,8 +18,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Steps (radians, shares of the distance) below which a search ends, on full pictures, there with a reference, and where
-/// another search follows.
+/// Steps (radians, shares of the distance) below which a search ends, on full pictures, there with a reference, and
+/// where another search follows.
 const FINE: f64 = 1e-7;
 const REFERENCE: f64 = 1e-6;
 const COARSE: f64 = 1e-4;
@@ -81,8 +82,8 @@ pub struct PoseEstimate {
 /// and percent of the distance off; the search keeps near them. `tick` is told of every camera and size of picture that
 /// is done. Once `cancel` is set they stay where they are.
 ///
-/// With a `reference`, which may be slow, the search ends on what that sees, while the renderer still says how it changes:
-/// the fewer digits of derivatives make steps less sure, not what they lead to.
+/// With a `reference`, which may be slow, the search ends on what that sees, while the renderer still says how it
+/// changes: the fewer digits of derivatives make steps less sure, not what they lead to.
 pub fn solve<I: Differentiable<Real = f32>>(
     renderer: &Composited<I>,
     reference: Option<&Composited<I>>,
@@ -105,7 +106,7 @@ type Equations = Vec<(Normal, Spectrum)>;
 #[derive(Clone)]
 struct State {
     cameras: Vec<Camera>,
-    /// Those of the last pictures; none if the search was stopped before they were complete.
+    /// Normal equations on the last pictures; none if the search was stopped before they were complete.
     equations: Option<Equations>,
     iterations: u32,
 }
@@ -164,7 +165,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
         if self.starts.len() == 1 && self.unexplained(&state)[0] > UNEXPLAINED {
             let again = self.restarted(deepest);
             let iterations = state.iterations + again.iterations;
-            if again.error() < state.error() {
+            if self.surprise(&again) < self.surprise(&state) {
                 state = again;
             }
             state.iterations = iterations;
@@ -221,8 +222,11 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
         Frame::new(&cameras[i], self.distances[i]).displacement(&self.starts[i], &cameras[i])
     }
 
-    /// Returns the share of each picture's variance that its camera leaves unexplained, but for noise that neighbouring
-    /// pixels do not share: of that, means over two by two pixels have a quarter. Not numbers once the search is stopped.
+    /// Returns the share of each picture's variance that its camera leaves unexplained, white noise apart. Not numbers
+    /// once the search is stopped.
+    ///
+    /// Of noise, means over two by two pixels have a quarter; but so has detail of a pixel's size. So no more is taken
+    /// off than the noise that the picture itself shows.
     fn unexplained(&self, state: &State) -> Vec<f64> {
         let coarse = self.linearised(&state.cameras, 1, None);
         let Some(fine) = state.equations.as_ref().filter(|_| !self.cancelled()) else {
@@ -230,9 +234,9 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
         };
         let share = |i: usize| {
             let square = |normal: &Normal| normal.error / normal.count.max(1) as f64;
-            let (fine, coarse) = (square(&fine[i].0), square(&coarse[i].0));
-            let structure = if self.pyramids[i].len() > 1 { (4.0 * coarse - fine) / 3.0 } else { fine };
-            structure.max(0.0) / variance(&self.pyramids[i][0].rgba).max(f64::MIN_POSITIVE)
+            let (fine, coarse, picture) = (square(&fine[i].0), square(&coarse[i].0), &self.pyramids[i][0]);
+            let shared = if self.pyramids[i].len() > 1 { (4.0 * coarse - fine) / 3.0 } else { 0.0 };
+            shared.max(fine - noise_variance(picture)).max(0.0) / variance(&picture.rgba).max(f64::MIN_POSITIVE)
         };
         (0..self.starts.len()).map(share).collect()
     }
@@ -340,6 +344,16 @@ fn beginnings() -> Vec<Pose> {
     let aside = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
     let aside = aside.map(|[right, up]| Pose::new(right, up, 0.0, 0.0, 0.0, 0.0));
     around.chain(aside).map(|step| AROUND * step).collect()
+}
+
+/// Variance of the white noise in the colors of a picture.
+fn noise_variance(picture: &Target) -> f64 {
+    let of = |c: usize| {
+        let values: Vec<f32> = picture.rgba.iter().map(|p| p[c]).collect();
+        let plane = Plane { width: picture.camera.width as usize, values: &values };
+        plane.deviation(|_| true).unwrap_or(0.0).powi(2)
+    };
+    (0..3).map(of).sum::<f64>() / 3.0
 }
 
 /// Variance of the colors over a picture.
