@@ -160,14 +160,18 @@ fn cameras_around_a_symmetric_molecule_do_not_run_off() {
     let middle = centre(&work, "c60.vdb");
     work.json("render c60.vdb --views 24 --size 48x48 --tf peaks.tf.json -o c");
     disturb(&work, "c/transforms.json", "c/off.json", middle, 5.0, 5.0, 1.0);
-    work.json("pose c/off.json --volume c60.vdb -o c/found.json");
+    let report = work.json("pose c/off.json --volume c60.vdb -o c/found.json");
+    let steps: u64 = report["cameras"].as_array().unwrap().iter().map(|c| c["iterations"].as_u64().unwrap()).sum();
+    // Some ten steps a camera: none had to begin again.
+    assert!(steps < 24 * 20, "{steps} steps");
     let (degrees, percent) = apart(&work, "c/transforms.json", "c/found.json", middle);
     assert!(degrees < 0.02 && percent < 0.05, "{degrees} degrees, {percent} %");
 }
 
-/// White noise is nothing that a camera should explain: cameras come back, and none is called into question.
+/// White noise is nothing that a camera should explain, though it is a larger share of the variance than may be left.
 #[test]
 fn noise_calls_no_camera_into_question() {
+    const SIGMA: f64 = 0.05;
     let work = Work::new();
     write(&work, "a.vdb", &lumpy());
     let middle = centre(&work, "a.vdb");
@@ -177,30 +181,31 @@ fn noise_calls_no_camera_into_question() {
         for (i, v) in film.rgba.iter_mut().flat_map(|p| &mut p[..3]).enumerate() {
             // Twelve uniform numbers have a variance of 1.
             let sum: f64 = (0..12).map(|k| noise((view * 1_000_000 + 12 * i + k) as u64) - 0.5).sum();
-            *v += 0.02 * sum as f32;
+            *v += (SIGMA * sum) as f32;
         }
     });
     let report = work.json("pose c/off.json --volume a.vdb -o c/found.json");
-    let (degrees, percent) = apart(&work, "c/transforms.json", "c/found.json", middle);
-    assert!(degrees < 2.0 && percent < 3.0, "{degrees} degrees, {percent} %");
     for camera in report["cameras"].as_array().unwrap() {
+        let [before, after] = ["rms_before", "rms_after"].map(|key| camera[key].as_f64().unwrap());
+        assert!((after - SIGMA).abs() < 0.002 && after < before, "{camera}");
         assert!(camera["unexplained_variance"].as_f64().unwrap() < 0.02 && camera["note"].is_null(), "{camera}");
     }
 }
 
-/// Detail of a pixel's size is not white noise: a volume of other rods than the pictures' is not explained.
+/// What neighbouring pixels do not share is not noise for that: pairs of one brighter and one darker pixel here and
+/// there have means of nothing, but a picture with noise would have it everywhere.
 #[test]
 fn fine_detail_is_not_taken_for_noise() {
     let work = Work::new();
-    let rods = |seed: u64| {
-        move |p: DVec3| {
-            f64::from(u8::from(noise(seed + 100 * p.x as u64 + p.y as u64) > 0.9 && p.z > 2.0 && p.z < 29.0))
+    write(&work, "a.vdb", &lumpy());
+    work.json("render a.vdb --views 2 --size 48x48 --density-scale auto -o c");
+    work.edit("c", |_, film| {
+        for (i, p) in film.rgba.iter_mut().enumerate().filter(|(i, _)| i % 8 < 2 && i / 48 % 8 == 0) {
+            let sign = if i % 8 == 0 { 0.5 } else { -0.5 };
+            p[..3].iter_mut().for_each(|v| *v += sign);
         }
-    };
-    write(&work, "a.vdb", &grid(32, unit(), rods(0)));
-    write(&work, "b.vdb", &grid(32, unit(), rods(5000)));
-    work.json("render a.vdb --views 4 --size 48x48 --density-scale auto -o c");
-    let report = work.json("pose c --volume b.vdb -o found.json");
+    });
+    let report = work.json("pose c --volume a.vdb -o found.json");
     for camera in report["cameras"].as_array().unwrap() {
         assert!(camera["unexplained_variance"].as_f64().unwrap() > 0.1 && camera["note"].is_string(), "{camera}");
     }
