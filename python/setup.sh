@@ -14,8 +14,8 @@ build_packages="g++ make libopenvdb-dev libboost-dev libclang-dev libopenvdb-too
 # Blender opens these even without a display.
 bpy_packages="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libxext6 libsm6 libice6 libgl1"
 
-# MRI of heads, as images to convert; NanoVDB's own converter.
-imaging_packages="mricron-data libnanovdb-tools"
+# MRI of heads, as images to convert; NanoVDB's own converter; videos.
+imaging_packages="mricron-data libnanovdb-tools ffmpeg"
 
 # What compares volumes, and compiles OpenVDB's side of the comparison; the MRI of a head.
 bench_packages="$build_packages python3-numpy mricron-data"

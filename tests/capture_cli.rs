@@ -6,6 +6,7 @@ mod work;
 
 use cumulo::formats::{captures, exr, transforms};
 use cumulo::scene::camera::Camera;
+use cumulo::scene::capture::{Model, Pictures};
 use cumulo::scene::color_space::ColorSpace;
 use cumulo::scene::display;
 use cumulo::scene::film::Film;
@@ -184,6 +185,77 @@ fn exrs_in_which_nothing_changes_stay_where_they_are() {
     }
     work.refused("capture convert shots -o no --pictures png/view_##1.png", &["3 views"]);
     work.refused("capture convert shots -o no --pictures .", &["view_000"]);
+}
+
+/// Photographs of a light medium in a dark room, as a camera hands them out: black is a level or two, nothing is stated.
+#[test]
+fn photographs_tell_their_setting() {
+    let work = Work::new();
+    let medium = "--model emission-absorption --emission 0.8,0.8,0.8 --background 0,0,0 --density-scale auto";
+    work.json(&format!("render @plume.vdb --views 9 --size 48x48 {medium} -o shots"));
+    let truth = transforms::load(&work.path("shots")).unwrap();
+    for i in 0..9 {
+        let mut film = work.picture(&format!("shots/view_{i:03}.exr"));
+        for (k, pixel) in film.rgba.iter_mut().enumerate() {
+            // Code 1 where black is 0, and 0 or 2 now and then.
+            let level = match (k * 7919 + i) % 40 {
+                0 => 0.0,
+                1 => 2.0,
+                _ => 1.0,
+            };
+            pixel[..3].iter_mut().for_each(|v| *v += (level / 12.92 / 255.0) as f32);
+        }
+        png8(&work.path(&format!("photo_{i}.png")), &film);
+    }
+    rewrite(&work, "shots/transforms.json", |text| {
+        let (frames, size) = (text["frames"].clone(), [text["w"].clone(), text["h"].clone(), text["fl_x"].clone()]);
+        *text = json!({ "frames": frames, "w": size[0], "h": size[1], "fl_x": size[2] });
+    });
+    let photos = (0..8).map(|i| format!("photo_{i}.png")).collect::<Vec<_>>().join(" ");
+    work.refused(
+        &format!("capture convert shots -o no --photographs --pictures {photos}"),
+        &["8 pictures for 9 views"],
+    );
+    let report = work.json(&format!("capture convert shots -o shot --photographs --pictures {photos} photo_8.png"));
+    assert!(
+        report["setting"].as_str().unwrap().contains("light medium") && report["warnings"] == json!([]),
+        "{report}"
+    );
+    let stated = transforms::load(&work.path("shot")).unwrap();
+    assert_eq!((stated.model, stated.background), (Model::EmissionAbsorption, [0.0; 3]));
+    assert_eq!(stated.pictures, Some(Pictures::Photographs));
+
+    // The last view is seen by no solver: what is found must show it, and nothing beside it.
+    rewrite(&work, "shot/transforms.json", |text| {
+        text["frames"].as_array_mut().unwrap().truncate(8);
+    });
+    let report = work.json("reconstruct density shot -o found.vdb --held-out 0 --iterations 24");
+    let pixels = 8.0 * 48.0 * 48.0;
+    assert!(report["unknowns"].as_f64().unwrap() <= 1.1 * pixels, "{}", report["unknowns"]);
+    work.json("render found.vdb --cameras shots --view 8 --model emission-absorption --background 0,0,0 -o seen");
+    let [seen, real] = ["seen/view_008.exr", "shots/view_008.exr"].map(|name| work.picture(name));
+    let mean = |film: &Film, of: fn(f64) -> f64| {
+        film.rgba.iter().zip(&real.rgba).map(|(a, b)| of(f64::from(a[0] - b[0]))).sum::<f64>() / (48.0 * 48.0)
+    };
+    let psnr = -10.0 * mean(&seen, |d| d * d).log10();
+    assert!(psnr > 35.0, "{psnr}");
+    let ghosts = seen.rgba.iter().zip(&real.rgba).filter(|(_, real)| real[0] == 0.0).map(|(seen, _)| seen[0]);
+    assert!(ghosts.fold(0.0, f32::max) < 0.02);
+    assert_eq!(truth.frames.len(), 9);
+}
+
+/// A video is told by its first bytes; without the program that decodes it, or without such a frame, nothing is written.
+#[test]
+fn videos_need_their_decoder() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 1 --size 8x8 --density-scale auto -o shots");
+    std::fs::write(work.path("take.mov"), b"\0\0\0\x14ftypqt  \0\0\0\0").unwrap();
+    let mut command = work.command("capture convert shots -o no --pictures take.mov --photographs");
+    let without = command.env("PATH", work.path("nothing")).output().unwrap();
+    assert_eq!(without.status.code(), Some(2));
+    let words = String::from_utf8_lossy(&without.stderr);
+    assert!(words.contains("take.mov") && words.contains("ffmpeg") && words.contains("not installed"), "{words}");
+    assert!(std::fs::read_dir(work.path("")).unwrap().count() == 2, "nothing is left behind");
 }
 
 #[test]

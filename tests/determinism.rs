@@ -55,7 +55,7 @@ const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.6), Qu
 fn photos(field: &Bricks<f32>, cameras: &[Camera], medium: Medium) -> Vec<Photo> {
     let dvr = Dvr::new(field, medium).unwrap().over([1.0; 3]);
     let film = |c: &Camera| render::picture(&dvr, c, 1, &AtomicBool::new(false)).unwrap();
-    cameras.iter().map(|c| Photo { camera: *c, film: film(c), name: "photo".into() }).collect()
+    cameras.iter().map(|c| Photo { camera: *c, film: film(c), name: "photo".into(), photograph: false }).collect()
 }
 
 #[test]

@@ -71,6 +71,7 @@ fn photos(field: &Bricks<f32>, cameras: &[Camera], background: [f32; 3]) -> Vec<
         camera: *camera,
         film: picture(&dvr, camera, 1, &AtomicBool::new(false)).unwrap(),
         name: "view".into(),
+        photograph: false,
     };
     cameras.iter().map(shoot).collect()
 }
@@ -215,7 +216,7 @@ fn transmittance_is_read_off_any_grey_medium() {
         *pixel = [0, 1, 2, 3].map(|c| if c == 3 { 1.0 - t } else { source[c] * (1.0 - t) + background[c] * t });
     }
     film.rgba[3][1] = f32::NAN;
-    let photo = Photo { camera, film, name: "view".into() };
+    let photo = Photo { camera, film, name: "view".into(), photograph: false };
     // One pixel in four is more than is tolerated in a whole picture; among ten it is not.
     assert!(Observation::new(std::slice::from_ref(&photo), background, source).is_err());
     let mut wide = photo;
@@ -403,6 +404,31 @@ fn weights_follow_the_noise() {
     assert!(clean.3.iter().all(|n| *n < 4e-3), "{clean:?}");
 }
 
+/// Photographs: what the camera calls black counts as none, and an error counts by its share of the depth.
+#[test]
+fn photographs_have_a_black_and_count_by_shares() {
+    const SIDE: usize = 32;
+    let light =
+        |i: usize| [0.0, 0.05, 0.5][usize::from((8..24).contains(&(i / SIDE))) * (1 + usize::from(i % SIDE > 15))];
+    let film = Film::of(SIDE, SIDE, (0..SIDE * SIDE).map(|i| [light(i) + 0.004; 4]).collect());
+    let camera = orbit::cameras(&[DVec3::ZERO, DVec3::ONE], 1, Layout::Ring, SIDE as u32, SIDE as u32, 40.0, Up::Z)[0];
+    let observe = |photograph: bool| {
+        let photo = Photo { camera, film: film.clone(), name: "view".into(), photograph };
+        Observation::new(&[photo], [0.0; 3], [1.0; 3]).unwrap()
+    };
+    let (photograph, render) = (observe(true), observe(false));
+    assert!(photograph.photographs() && !render.photographs());
+    let at = |x: usize| 16 * SIDE + x;
+    // The border shows the medium in a quarter of its pixels.
+    let [thin, dense] = [4, 28].map(|x| (photograph.maps[0].transmittance[at(x)], photograph.maps[0].weight[at(x)]));
+    assert!((thin.0 - 0.95).abs() < 1e-6 && (dense.0 - 0.5).abs() < 1e-6, "{thin:?} {dense:?}");
+    // (0.3 + τ)² of the two depths, where noise has no say.
+    let share = |t: f64| (0.3 / (0.3 - t.ln())).powi(2);
+    assert!((f64::from(thin.1) - share(0.95)).abs() < 0.01 && (f64::from(dense.1) - share(0.5)).abs() < 0.01);
+    assert!((render.maps[0].transmittance[at(4)] - 0.946).abs() < 1e-6);
+    assert!(!photograph.maps[0].shown[0] && photograph.maps[0].shown[at(4)]);
+}
+
 /// The mean depth of dark pixels is right whatever their noise: logarithms of single pixels would be off by far.
 #[test]
 fn noise_leaves_no_bias_in_depths() {
@@ -416,7 +442,9 @@ fn noise_leaves_no_bias_in_depths() {
         let light = light + sigma * 2.0 * (n[3 * i] + n[3 * i + 1] + n[3 * i + 2] - 1.5);
         film.rgba[i] = [light, light, light, 1.0];
     }
-    let observation = Observation::new(&[Photo { camera, film, name: "view".into() }], [1.0; 3], [0.0; 3]).unwrap();
+    let observation =
+        Observation::new(&[Photo { camera, film, name: "view".into(), photograph: false }], [1.0; 3], [0.0; 3])
+            .unwrap();
     let map = &observation.maps[0];
     let inner = (0..SIDE * SIDE).filter(|i| (3..SIDE / 2 - 3).contains(&(i % SIDE)));
     let (sum, weight) = inner.fold((0.0, 0.0), |(sum, weight), i| {
@@ -450,7 +478,9 @@ fn empty_pixels_are_told_in_noise() {
             film.rgba[i] = [light, light, light, 1.0];
         }
         film.rgba[5 * SIDE + 5] = [-3.0, -3.0, -3.0, 1.0];
-        let observation = Observation::new(&[Photo { camera, film, name: "view".into() }], [1.0; 3], [0.0; 3]).unwrap();
+        let observation =
+            Observation::new(&[Photo { camera, film, name: "view".into(), photograph: false }], [1.0; 3], [0.0; 3])
+                .unwrap();
         let shown = &observation.maps[0].shown;
         let share = |within: &dyn Fn(f32) -> bool| {
             let radius = |i: usize| ((i % SIDE) as f32 - 63.5).hypot((i / SIDE) as f32 - 63.5);

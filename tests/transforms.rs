@@ -5,7 +5,7 @@
 
 use cumulo::formats::{captures, exr, transforms};
 use cumulo::scene::camera::{Camera, Projection};
-use cumulo::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use cumulo::scene::capture::{Capture, EmissionModel, Frame, Model, Pictures, PixelFilter};
 use cumulo::scene::color_space::ColorSpace;
 use cumulo::scene::film::Film;
 use cumulo::scene::transfer::Transfer;
@@ -45,6 +45,7 @@ fn capture(folder: &Path) -> Capture {
             DMat4::from_translation(DVec3::new(1e6 + 0.1, -2.5, 1.0 / 3.0)) * DMat4::from_scale(DVec3::splat(0.1)),
         ),
         color_space: Some(ColorSpace::Srgb),
+        pictures: Some(Pictures::Photographs),
         remarks: Vec::new(),
     }
 }

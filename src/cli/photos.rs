@@ -8,7 +8,7 @@ use crate::optimise::plausibility::Warning;
 use crate::optimise::projection::observation::Photo;
 use crate::ordered;
 use crate::report::{MOST_VIEWS, choose};
-use crate::scene::capture::{Capture, Frame};
+use crate::scene::capture::{Capture, Frame, Pictures};
 use crate::scene::film::Film;
 use rayon::prelude::*;
 use std::path::Path;
@@ -36,7 +36,11 @@ pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, tick: &(dyn 
             .at(&frame.picture)
             .hint("correct 'w' and 'h' together with 'fl_x', 'fl_y', 'cx' and 'cy', or leave them out"));
         }
-        Ok(Photo { camera: frame.camera, film, name: frame.picture.display().to_string() })
+        let photograph = match capture.pictures {
+            Some(pictures) => pictures == Pictures::Photographs,
+            None => picture::kind(&frame.picture)? != picture::Kind::Exr,
+        };
+        Ok(Photo { camera: frame.camera, film, name: frame.picture.display().to_string(), photograph })
     };
     ordered::try_map(capture.frames.par_iter(), read)
 }
@@ -62,6 +66,9 @@ pub fn remarks(capture: &Capture) -> Vec<Warning> {
         let space = capture.color_space.or(header.color_space)?;
         Some((header.bits?, space))
     };
+    if capture.pictures == Some(Pictures::Photographs) {
+        return all;
+    }
     // The coarsest of the pictures: one of 8 bits among EXRs limits what they tell together.
     if let Some((bits, space)) = capture.frames.iter().filter_map(bits).min_by_key(|(bits, _)| *bits) {
         let percent = 100.0 * space.largest_step(bits);

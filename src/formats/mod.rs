@@ -23,6 +23,7 @@ pub mod transfer;
 pub mod transforms;
 pub mod usd;
 pub mod vdb;
+pub mod video;
 pub mod views;
 
 use crate::error::{Error, Result};

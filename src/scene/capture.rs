@@ -45,6 +45,17 @@ pub enum PixelFilter {
     Box,
 }
 
+/// What the pictures of a capture are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pictures {
+    /// Renders: the background is the stated one, and the light is that of the model.
+    Renders,
+    /// Photographs, and frames of videos, of a real medium: black is what the camera made of it, and the light of the
+    /// medium follows the model about.
+    Photographs,
+}
+
 /// One view of a capture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
@@ -80,11 +91,31 @@ pub struct Capture {
     /// Color space of pictures with integer samples; `None` where it is not stated. Pictures with floating-point samples
     /// are scene-linear.
     pub color_space: Option<ColorSpace>,
+    /// What the pictures are; without it, those with integer samples count as photographs, others as renders.
+    pub pictures: Option<Pictures>,
     /// Remarks about what the capture's file states and has no effect here; empty for captures from elsewhere.
     pub remarks: Vec<String>,
 }
 
 impl Capture {
+    /// A capture that states nothing but its views: pictures of an absorber before white.
+    pub fn of_frames(frames: Vec<Frame>) -> Self {
+        Self {
+            frames,
+            model: Model::Absorption,
+            background: [1.0; 3],
+            pixel_filter: PixelFilter::Point,
+            density_scale: 1.0,
+            emission: [1.0; 3],
+            emission_model: EmissionModel::Grey,
+            transfer: None,
+            lattice: None,
+            color_space: None,
+            pictures: None,
+            remarks: Vec::new(),
+        }
+    }
+
     /// Returns the capture of what alpha alone tells of the medium, as [`Film::by_alpha`] shows it.
     ///
     /// [`Film::by_alpha`]: crate::scene::film::Film::by_alpha

@@ -5,7 +5,7 @@ use super::row::Row;
 use super::turns::{in_turn, median, ratio};
 use cumulo::math::{Affine, Ray};
 use cumulo::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
-use cumulo::optimise::projection::observation::DepthMap;
+use cumulo::optimise::projection::observation::{DepthMap, Limit};
 use cumulo::optimise::projection::projector::Projector;
 use cumulo::render::composited::Composited;
 use cumulo::render::differentiable::Adjoint;
@@ -152,7 +152,7 @@ fn projections_per_second(scene: &Scene, pools: &[ThreadPool; 2]) -> Vec<Row> {
         weight: vec![1.0; pixels],
         shown: vec![true; pixels],
         noise: 0.0,
-        exact: true,
+        limit: Limit::Voxels,
         name: "view".into(),
     };
     let topology = &scene.field.topology;

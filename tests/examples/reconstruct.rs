@@ -24,7 +24,8 @@ pub fn run(folder: &Path, volume: &Path) -> Result<Outcome> {
     let mut photos = Vec::new();
     for frame in &capture.frames {
         let film = exr::read_picture(&frame.picture, None)?;
-        photos.push(Photo { camera: frame.camera, film, name: frame.picture.display().to_string() });
+        let name = frame.picture.display().to_string();
+        photos.push(Photo { camera: frame.camera, film, name, photograph: false });
     }
     let observation = Observation::new(&photos, capture.background, [0.0; 3])?;
     let bounds = Hull::new(&observation).bounds()?;

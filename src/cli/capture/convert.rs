@@ -1,6 +1,7 @@
 //! `cumulo capture convert`: any capture to one that every command takes.
 
-use super::pictures::{self, Choices, Masked, View};
+use super::photographs::Setting;
+use super::pictures::{self, Choices, Masked, VideoFrames, View};
 use super::placement::{Placement, moved};
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
@@ -15,7 +16,7 @@ use crate::formats::usd::{Stage, Views};
 use crate::formats::views::{Optics, StatedCapture};
 use crate::formats::{self, Format, captures, colmap, exr, picture};
 use crate::optimise::plausibility::Warning;
-use crate::scene::capture::{Capture, Frame};
+use crate::scene::capture::{Capture, Frame, Pictures};
 use crate::scene::color_space::ColorSpace;
 use serde::Serialize;
 use serde_json::{Map, json};
@@ -39,9 +40,17 @@ pub struct Convert {
     /// Folder to write into
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// Take the pictures from this folder, by their names, or from a pattern such as renders/view_####.exr, in order
-    #[arg(long, value_name = "FOLDER|PATTERN")]
-    pictures: Option<PathBuf>,
+    /// Take the pictures from this folder, by their names, or from a pattern such as renders/view_####.exr or from these
+    /// files, in the order of the views; files may be videos, which ffmpeg decodes
+    #[arg(long, value_name = "FOLDER|PATTERN|FILE", num_args = 1..)]
+    pictures: Vec<PathBuf>,
+    /// Frame of videos, counted from 0
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    frame: u32,
+    /// The pictures are photographs, or frames of videos, of a medium in a dark room or before an evenly lit background:
+    /// model and background are measured and stated, and the color space of integer samples is sRGB unless stated
+    #[arg(long)]
+    photographs: bool,
     /// Description of the cameras
     #[arg(long, value_enum, default_value_t = Target::Transforms)]
     to: Target,
@@ -89,6 +98,8 @@ pub(in crate::cli) struct Report {
     /// Smallest and largest width and height of the pictures in pixels.
     sizes: [[u32; 2]; 2],
     color_space: Option<ColorSpace>,
+    /// What photographs show, in words.
+    setting: Option<String>,
     warnings: Vec<Warning>,
     provenance: Provenance,
 }
@@ -107,11 +118,14 @@ impl Convert {
         let mut provenance = Provenance::begin();
         let limits = self.memory.limits();
         outputs::folder(&self.output)?;
-        let stated = self.stated()?;
+        let mut stated = self.stated()?;
+        let sources: Vec<PathBuf> = stated.capture.frames.iter().map(|frame| frame.picture.clone()).collect();
+        let videos = VideoFrames::take(&mut stated.capture, self.frame, &self.output)?;
+        let named = |error| videos.named(error);
         let choices = Choices { layer: self.layer.as_deref(), masked: self.masked, limits };
-        let views = View::all(&stated, &choices)?;
+        let views = View::all(&stated, &choices).map_err(named)?;
         let files = captures::files(&self.input);
-        let inputs = files.iter().chain(stated.capture.frames.iter().map(|f| &f.picture)).map(PathBuf::as_path);
+        let inputs = files.iter().chain(&sources).map(PathBuf::as_path);
         provenance.input(&captures::file(&self.input), inputs.clone())?;
         let mut warnings = photos::remarks(&stated.capture);
         warnings.extend((self.to == Target::Colmap).then(|| {
@@ -133,8 +147,15 @@ impl Convert {
 
         let bar = output.progress(views.len() as u64, "converting");
         let mut capture = stated.capture.clone();
-        for (i, view) in views.iter().enumerate().filter(|(_, view)| written(view)) {
-            let (camera, film) = view.convert(&stated.capture, &choices)?;
+        let mut setting = Setting::default();
+        for (i, view) in views.iter().enumerate().filter(|(_, view)| written(view) || self.photographs) {
+            let (camera, film) = view.convert(&stated.capture, &choices).map_err(named)?;
+            if self.photographs {
+                setting.add(&film);
+            }
+            if !written(view) {
+                continue;
+            }
             exr::write_picture(&batch.add(&picture(i))?, &film, &provenance.attributes(), false)?;
             capture.frames[i] = Frame { camera, picture: picture(i) };
             bar.inc(1);
@@ -144,6 +165,12 @@ impl Convert {
         if let Some(map) = self.placement.map(&capture)? {
             capture = moved(capture, map);
         }
+        let setting = match self.photographs {
+            true => Some(setting.state(&mut capture, self.background).map_err(|e| e.at(&main))?),
+            false => None,
+        };
+        // Of EXRs no reader would know it.
+        capture.pictures = capture.pictures.or((!integer.is_empty()).then_some(Pictures::Photographs));
         capture.color_space = None;
         provenance.lap();
         self.write(&capture, &main, &folder, &provenance, &mut batch)?;
@@ -164,6 +191,7 @@ impl Convert {
             integer: integer.len(),
             sizes: [sides(u32::min), sides(u32::max)],
             color_space: integer.first().map(|(_, space)| *space),
+            setting,
             warnings,
             provenance,
         })?;
@@ -186,10 +214,10 @@ impl Convert {
             }
             _ => captures::stated_within(&self.input, limits)?,
         };
-        if let Some(from) = &self.pictures {
-            pictures::replace(&mut stated.capture, from)?;
-        }
-        stated.capture.color_space = self.color_space.or(stated.capture.color_space);
+        pictures::replace(&mut stated.capture, &self.pictures)?;
+        let usual = self.photographs.then_some(ColorSpace::Srgb);
+        stated.capture.color_space = self.color_space.or(stated.capture.color_space).or(usual);
+        stated.capture.pictures = self.photographs.then_some(Pictures::Photographs).or(stated.capture.pictures);
         stated.capture.background = self.background.unwrap_or(stated.capture.background);
         Ok(stated)
     }
@@ -207,9 +235,7 @@ impl Convert {
         let stage = Stage::open(&self.input, self.memory.limits())?;
         let mut views = Views { camera: self.camera.as_deref(), ..Views::default() };
         let mut capture = stage.capture(&views)?;
-        if let Some(from) = &self.pictures {
-            pictures::replace(&mut capture, from)?;
-        }
+        pictures::replace(&mut capture, &self.pictures)?;
         if let Some(frame) = capture.frames.first() {
             views.size = Some(picture::header(&frame.picture)?.size.map(|side| side as u32));
         }
@@ -273,6 +299,9 @@ impl fmt::Display for Report {
         }
         if let Some(space) = self.color_space {
             writeln!(f, "  {} of integer samples, decoded from {space}", self.integer)?;
+        }
+        if let Some(setting) = &self.setting {
+            writeln!(f, "  {setting}")?;
         }
         crate::cli::run::write_warnings(f, &self.warnings)
     }

@@ -1,6 +1,7 @@
 //! `cumulo capture`: captures of other programs.
 
 mod convert;
+mod photographs;
 mod pictures;
 mod placement;
 

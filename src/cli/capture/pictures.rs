@@ -4,13 +4,17 @@ use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::picture::{self, Header, Kind};
 use crate::formats::sequence::Pattern;
+use crate::formats::temporary::TemporaryFolder;
+use crate::formats::video;
 use crate::formats::views::{Optics, StatedCapture};
+use crate::ordered;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::color_space::ColorSpace;
 use crate::scene::film::Film;
 use crate::scene::lens::Lens;
 use crate::scene::undistort::Distorted;
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Use of the pixels under a mask.
@@ -30,24 +34,35 @@ pub(super) struct Choices<'c> {
     pub limits: Limits,
 }
 
-/// Takes the pictures from elsewhere: those of a folder with the same names (of any suffix), or of a pattern such as
-/// `renders/view_####.exr`, whose files stand for the views in the order of their numbers.
+/// Takes the pictures from elsewhere: those of a folder with the same names (of any suffix), of a pattern such as
+/// `renders/view_####.exr`, whose files stand for the views in the order of their numbers, or the named files in the order
+/// of the views.
 ///
 /// # Errors
 /// If a picture is not found, or there are fewer or more files than views.
-pub(super) fn replace(capture: &mut Capture, from: &Path) -> Result<()> {
-    if let Some(pattern) = Pattern::parse(from) {
-        let numbers = pattern.numbers()?;
-        let views = capture.frames.len();
-        if numbers.len() != views {
-            return Err(Error::invalid(format!("{} pictures for {views} views", numbers.len()))
-                .at(from)
-                .hint("give a pattern that stands for one picture a view, in the order of the views"));
+pub(super) fn replace(capture: &mut Capture, from: &[PathBuf]) -> Result<()> {
+    let views = capture.frames.len();
+    let mut in_order = |files: Vec<PathBuf>, place: &Path| {
+        if files.len() != views {
+            return Err(Error::invalid(format!("{} pictures for {views} views", files.len()))
+                .at(place)
+                .hint("give one picture a view, in the order of the views"));
         }
-        let frames = capture.frames.iter_mut().zip(numbers);
-        frames.for_each(|(frame, number)| frame.picture = pattern.path(number));
-        return Ok(());
-    }
+        capture.frames.iter_mut().zip(files).for_each(|(frame, file)| frame.picture = file);
+        Ok(())
+    };
+    let from = match from {
+        [] => return Ok(()),
+        [one] => match Pattern::parse(one) {
+            Some(pattern) => {
+                let files = pattern.numbers()?.into_iter().map(|number| pattern.path(number));
+                return in_order(files.collect(), one);
+            }
+            None if one.is_dir() => one,
+            None => return in_order(vec![one.clone()], one),
+        },
+        [first, ..] => return in_order(from.to_vec(), first),
+    };
     let entries = std::fs::read_dir(from).map_err(|e| Error::io(from, e))?;
     let files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|p| p.is_file()).collect();
     for frame in &mut capture.frames {
@@ -63,6 +78,45 @@ pub(super) fn replace(capture: &mut Capture, from: &Path) -> Result<()> {
         frame.picture = found.clone();
     }
     Ok(())
+}
+
+/// Frames of videos, as pictures that are removed on drop.
+#[derive(Debug)]
+pub(super) struct VideoFrames {
+    _folder: Option<TemporaryFolder>,
+    /// Videos and the pictures of their frames.
+    taken: Vec<[PathBuf; 2]>,
+}
+
+impl VideoFrames {
+    /// Puts the frame `number` in the place of each picture that is a video, and keeps the pictures beside `output`.
+    ///
+    /// # Errors
+    /// If a file cannot be read, or a video not be decoded.
+    pub fn take(capture: &mut Capture, number: u32, output: &Path) -> Result<Self> {
+        let videos = capture.frames.iter().map(|frame| video::is_video(&frame.picture)).collect::<Result<Vec<_>>>()?;
+        if !videos.contains(&true) {
+            return Ok(Self { _folder: None, taken: Vec::new() });
+        }
+        let beside = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = TemporaryFolder::new(beside)?;
+        let take = |(i, (frame, is_video)): (usize, (&mut Frame, bool))| {
+            if !is_video {
+                return Ok(None);
+            }
+            let picture = folder.path().join(format!("{i}.png"));
+            let video = std::mem::replace(&mut frame.picture, picture.clone());
+            video::write_frame(&video, number, &picture)?;
+            Ok(Some([video, picture]))
+        };
+        let taken = ordered::try_map(capture.frames.par_iter_mut().zip(videos).enumerate(), take)?;
+        Ok(Self { _folder: Some(folder), taken: taken.into_iter().flatten().collect() })
+    }
+
+    /// Names the video in the place of its frame's picture.
+    pub fn named(&self, error: Error) -> Error {
+        self.taken.iter().fold(error, |error, [video, picture]| error.known_as(picture, video))
+    }
 }
 
 /// A view to be converted.

@@ -93,8 +93,20 @@ impl Region {
             (None, None) if capture.lattice.is_some() => None,
             (None, None) => lattice::footprint(&observation.maps, &bounds),
         };
-        let lattice = lattice::choose(capture.lattice, voxel_size)?;
-        let survey = Hull::new(observation).survey(&lattice, &bounds)?;
+        let mut lattice = lattice::choose(capture.lattice, voxel_size)?;
+        let mut survey = Hull::new(observation).survey(&lattice, &bounds)?;
+        let pixels: usize = observation.maps.iter().map(|map| map.depth.len()).sum();
+        let ratio = survey.unknowns / pixels.max(1) as f64;
+        let chosen = self.voxel_size.is_some() || self.resolution.is_some();
+        if let Some(size) = voxel_size.filter(|_| ratio > 1.0 && !chosen && observation.photographs()) {
+            let larger = size * ratio.cbrt();
+            output.note(format!(
+                "voxels of {larger:.4} in place of a pixel's {size:.4}: photographs determine no more unknowns than they \
+                 have pixels"
+            ));
+            lattice = lattice::choose(None, Some(larger))?;
+            survey = Hull::new(observation).survey(&lattice, &bounds)?;
+        }
         if voxel_size.is_none() && survey.longest < 2.0 {
             return Err(Error::invalid(format!(
                 "the capture's lattice has voxels of {}, and the region that the pictures show is only {} across",

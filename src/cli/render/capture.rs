@@ -90,6 +90,7 @@ impl PictureOptions {
             transfer,
             lattice: subject.lattice(),
             color_space: None,
+            pictures: None,
             remarks: Vec::new(),
         })
     }

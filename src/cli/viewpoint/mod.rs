@@ -20,7 +20,7 @@ use crate::render::quadrature::{Quadrature, rules};
 use crate::render::scale;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
-use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use crate::scene::capture::{Capture, Frame, Model};
 use crate::scene::film::Film;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::sphere::{self, Sphere};
@@ -322,17 +322,12 @@ impl Viewpoint {
         };
         let emits = transfer.is_some();
         Ok(Capture {
-            frames: self.frames(cameras),
             model: if emits { Model::EmissionAbsorption } else { Model::Absorption },
             background: self.background.unwrap_or(if emits { [0.0; 3] } else { [1.0; 3] }),
-            pixel_filter: PixelFilter::Point,
             density_scale,
-            emission: [1.0; 3],
-            emission_model: EmissionModel::Grey,
             transfer,
             lattice: Some(field.transform.matrix()),
-            color_space: None,
-            remarks: Vec::new(),
+            ..Capture::of_frames(self.frames(cameras))
         })
     }
 

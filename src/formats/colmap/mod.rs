@@ -17,7 +17,7 @@ use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::formats::views::{Optics, StatedCapture};
 use crate::scene::camera::Camera;
-use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use crate::scene::capture::{Capture, Frame};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use model::Calibration;
 use std::collections::BTreeMap;
@@ -114,20 +114,11 @@ fn capture((calibrations, mut images): Parsed, file: &Path) -> Result<StatedCapt
     let views = images.iter().map(view).collect::<Result<Vec<_>>>()?;
     let (frames, optics) = views.into_iter().unzip();
     let capture = Capture {
-        frames,
-        model: Model::Absorption,
-        background: [1.0; 3],
-        pixel_filter: PixelFilter::Point,
-        density_scale: 1.0,
-        emission: [1.0; 3],
-        emission_model: EmissionModel::Grey,
-        transfer: None,
-        lattice: None,
-        color_space: None,
         remarks: vec![
             "'points3D' has no effect: cameras and colors tell the volume".into(),
             "COLMAP states neither light model nor background: those of an absorber before white are taken".into(),
         ],
+        ..Capture::of_frames(frames)
     };
     Ok(StatedCapture { capture, optics })
 }

@@ -16,7 +16,8 @@ use std::path::Path;
 const MAX_PIXELS: u64 = 1 << 27;
 /// Advice on integer pictures of an unknown transfer curve.
 const STATE: &str = "add \"color_space\": \"sRGB\" to the capture (or \"linear\", \"gamma 2.2\") if the pictures were \
-    encoded so, or give --color-space to `cumulo capture convert`; scene-linear EXRs need no such key";
+    encoded so, or give --color-space to `cumulo capture convert`; of photographs and videos `cumulo capture convert \
+    --photographs` finds model and background, too; scene-linear EXRs need no such key";
 
 /// Format of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]

@@ -89,6 +89,7 @@ fn parse(json: &Path, limits: Limits) -> Result<StatedCapture> {
         transfer: top.transfer()?,
         lattice: top.matrix("lattice")?,
         color_space: top.color_space()?,
+        pictures: top.named("pictures", &["renders", "photographs"])?,
         remarks: remarks(&root),
     };
     Ok(StatedCapture { capture, optics })

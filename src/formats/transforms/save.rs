@@ -89,6 +89,9 @@ fn text(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<St
     if let Some(space) = capture.color_space {
         root.insert("color_space".into(), json!(space));
     }
+    if let Some(pictures) = capture.pictures {
+        root.insert("pictures".into(), json!(pictures));
+    }
     root.insert("frames".into(), Value::Array(frames));
     for (key, value) in extra {
         if root.insert(key.clone(), value.clone()).is_some() {

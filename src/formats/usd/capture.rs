@@ -8,7 +8,7 @@ use super::stage::Stage;
 use crate::error::{Error, Result};
 use crate::formats::picture;
 use crate::formats::sequence::MOST_FRAMES;
-use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use crate::scene::capture::{Capture, Frame};
 use std::path::PathBuf;
 
 /// Width of pictures in pixels where nothing states it.
@@ -53,19 +53,8 @@ impl Stage {
         let frame = |(time, picture): &(f64, PathBuf)| {
             Ok(Frame { camera: self.view(camera, *time, size)?, picture: picture.clone() })
         };
-        Ok(Capture {
-            frames: times.iter().map(frame).collect::<Result<_>>()?,
-            model: Model::Absorption,
-            background: [1.0; 3],
-            pixel_filter: PixelFilter::Point,
-            density_scale: 1.0,
-            emission: [1.0; 3],
-            emission_model: EmissionModel::Grey,
-            transfer: None,
-            lattice: None,
-            color_space: None,
-            remarks: self.camera_remarks(camera, first),
-        })
+        let frames = times.iter().map(frame).collect::<Result<_>>()?;
+        Ok(Capture { remarks: self.camera_remarks(camera, first), ..Capture::of_frames(frames) })
     }
 
     /// True if a camera's place or optics change over time.

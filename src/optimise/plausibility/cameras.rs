@@ -201,6 +201,7 @@ fn closest_point(aims: &[Aim<'_>]) -> Option<DVec3> {
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
+    use crate::optimise::projection::observation::Limit;
     use crate::scene::camera::Camera;
     use glam::DMat4;
 
@@ -228,7 +229,7 @@ mod tests {
             weight: vec![1.0; SIDE * SIDE],
             shown: (0..SIDE * SIDE).map(|i| covered(i % SIDE, i / SIDE)).collect(),
             noise: 0.0,
-            exact: true,
+            limit: Limit::Voxels,
             name: "view".into(),
         }
     }

@@ -181,7 +181,9 @@ fn background_color(photos: &[Photo], capture: &Capture, source: Option<[f64; 3]
         json(observed),
         json(stated)
     );
-    let remedy = format!("state \"background\": {} in transforms.json, or render with alpha", json(observed));
+    let photographs = "of photographs `cumulo capture convert --photographs` states model and background";
+    let remedy =
+        format!("state \"background\": {} in transforms.json, or render with alpha; {photographs}", json(observed));
     // Between background and source a medium that fills all pictures evenly could have it.
     let (off, transmittance) = source.map_or((0.0, 0.5), |source| between(observed, source, stated));
     let possible = off < 0.05 && (-0.05..1.0).contains(&transmittance);

@@ -20,6 +20,9 @@ pub struct Photo {
     pub film: Film,
     /// Named in messages: the file.
     pub name: String,
+    /// True for a picture of a real medium: its black is measured, and its light need not be exactly that of the
+    /// medium's model.
+    pub photograph: bool,
 }
 
 /// Optical depth of every pixel of a view.
@@ -41,10 +44,21 @@ pub struct DepthMap {
     pub shown: Vec<bool>,
     /// Standard deviation of the noise in a pixel's transmittance.
     pub noise: f64,
-    /// True where that noise has no say: depths are the logarithms of single pixels.
-    pub exact: bool,
+    /// What limits the accuracy of the depths.
+    pub limit: Limit,
     /// Named in messages.
     pub name: String,
+}
+
+/// What limits the accuracy of the optical depths of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Limit {
+    /// The voxels alone: noise has no say, and depths are the logarithms of single pixels.
+    Voxels,
+    /// The noise of the picture, and the voxels.
+    Noise,
+    /// The light, which is not exactly that of the model, and the noise.
+    Light,
 }
 
 /// Optical depths of all pictures, and what is common to them.
@@ -64,6 +78,10 @@ const OPAQUE: f64 = 14.0;
 /// of size σ in a picture is noise of size σ / T in the optical depth, so dark pixels deserve weights of
 /// T², from T = σ / error on.)
 const OWN_ERROR: f64 = 0.08;
+/// Error in optical depth of a photograph, relative to the depth and more than this of it: a real medium scatters light,
+/// and is not lit evenly.
+const RELATIVE_ERROR: f64 = 0.2;
+const FAINT: f64 = 0.3;
 /// Bounds of that error over the noise.
 const TRUST: std::ops::RangeInclusive<f64> = 1.0..=60.0;
 /// Noise in the transmittance from which on pictures count as noisy. Detail of a pixel's size responds to
@@ -131,7 +149,12 @@ impl Observation {
 
     /// True if the noise of some picture has a say in what its pixels tell.
     pub fn noisy(&self) -> bool {
-        self.maps.iter().any(|map| !map.exact)
+        self.maps.iter().any(|map| map.limit != Limit::Voxels)
+    }
+
+    /// True if some picture is a photograph.
+    pub fn photographs(&self) -> bool {
+        self.maps.iter().any(|map| map.limit == Limit::Light)
     }
 
     /// Standard deviations of the noise in the transmittances of the picture that has least and of that which has most;
@@ -154,7 +177,8 @@ impl Observation {
             }
         }
         let pixels: usize = photos.iter().map(|photo| photo.film.rgba.len()).sum();
-        let exact = statistics.iter().map(|picture| picture.untouched).sum::<usize>() * 100 >= pixels;
+        let rendered = photos.iter().all(|photo| !photo.photograph);
+        let exact = rendered && statistics.iter().map(|picture| picture.untouched).sum::<usize>() * 100 >= pixels;
         let vague = statistics.iter().any(|picture| picture.empty.is_none());
         let least_depth = if exact || !vague { EMPTY } else { haze(photos, readings) };
         let noise = median(statistics.iter().filter_map(|picture| picture.noise).collect()).unwrap_or(0.0);
@@ -252,8 +276,29 @@ struct PictureStatistics {
     untouched: usize,
     /// Opacities of the empty pixels; none where there are hardly any.
     empty: Option<EmptyPixels>,
+    /// Background of a photograph, where its border shows that.
+    dark: Option<Dark>,
     /// Standard deviation of the noise in the transmittance of pixels that show something.
     noise: Option<f64>,
+}
+
+/// The background of a photograph.
+#[derive(Debug, Clone)]
+struct Dark {
+    /// Opacity that it seems to have.
+    black: EmptyPixels,
+    /// Medians of all opacities, and the part of the background in them.
+    medians: Vec<f32>,
+    of_medians: EmptyPixels,
+}
+
+impl Dark {
+    fn of(opacity: &Plane<'_>) -> Option<Self> {
+        let black = EmptyPixels::of_border(opacity)?;
+        let medians = opacity.medians();
+        let of_medians = EmptyPixels::of_border(&Plane { values: &medians, ..*opacity })?;
+        Some(Self { black, medians, of_medians })
+    }
 }
 
 impl PictureStatistics {
@@ -264,6 +309,7 @@ impl PictureStatistics {
             bad: opacity.iter().filter(|a| !a.is_finite()).count(),
             untouched: opacity.iter().filter(|a| f64::from(a.abs()) < EMPTY).count(),
             empty: EmptyPixels::of(&Plane { values: &plane.bounded(), ..plane }),
+            dark: if photo.photograph { Dark::of(&plane) } else { None },
             noise: plane.deviation(|a| f64::from(a.abs()) > EMPTY),
         }
     }
@@ -271,7 +317,8 @@ impl PictureStatistics {
     /// Returns the depths of the picture. Without noise, less than `least_depth` is empty; `usual` is the noise of
     /// pictures that do not tell their own.
     fn map(&self, photo: &Photo, reading: Reading, least_depth: f64, usual: f64, clean: bool) -> DepthMap {
-        let noisy = self.empty.filter(|empty| empty.deviation > EMPTY);
+        let empty = self.dark.as_ref().map(|dark| dark.black).or(self.empty);
+        let noisy = empty.filter(|empty| empty.deviation > EMPTY);
         let shown_noise = self.noise.unwrap_or(usual);
         let noise = match noisy {
             // Empty pixels have no detail that could be taken for noise.
@@ -279,15 +326,23 @@ impl PictureStatistics {
             _ => shown_noise,
         };
         // Without empty pixels, less than that may be detail.
-        let exact = clean || (noisy.is_none() && noise < NOISY);
-        let transmittance: Vec<f32> = photo.film.rgba.iter().map(|p| reading.transmittance(p) as f32).collect();
-        let (depth, weight) = depths(&Plane { width: photo.film.width, values: &transmittance }, noise, exact);
-        let shown = match noisy {
-            Some(pixels) => {
+        let limit = match photo.photograph {
+            true => Limit::Light,
+            false if clean || (noisy.is_none() && noise < NOISY) => Limit::Voxels,
+            false => Limit::Noise,
+        };
+        // What a camera calls black is more than none.
+        let black = self.dark.as_ref().map_or(0.0, |dark| dark.black.mean);
+        let transmittance: Vec<f32> =
+            photo.film.rgba.iter().map(|p| (reading.transmittance(p) + black) as f32).collect();
+        let (depth, weight) = depths(&Plane { width: photo.film.width, values: &transmittance }, noise, limit);
+        let shown = match (&self.dark, noisy) {
+            (Some(dark), _) => silhouette(&Plane { width: photo.film.width, values: &dark.medians }, dark.of_medians),
+            (None, Some(pixels)) => {
                 let opacity = opacity(photo, reading);
                 silhouette(&Plane { width: photo.film.width, values: &opacity }, pixels)
             }
-            None => {
+            (None, None) => {
                 transmittance.iter().zip(&depth).map(|(t, d)| !t.is_finite() || f64::from(*d) > least_depth).collect()
             }
         };
@@ -300,7 +355,7 @@ impl PictureStatistics {
             weight,
             shown,
             noise,
-            exact,
+            limit,
             name: photo.name.clone(),
         }
     }
@@ -311,25 +366,30 @@ impl PictureStatistics {
 /// The negative logarithm of a transmittance with noise of deviation σ is too large by σ²/2T² on average, and has no
 /// value where noise makes T negative. Where σ counts, the depth is linearised about that of the mean transmittance
 /// around, T₀: it is `1 - ln T₀ - T/T₀`, whose mean is right.
-fn depths(transmittance: &Plane<'_>, noise: f64, exact: bool) -> (Vec<f32>, Vec<f32>) {
+fn depths(transmittance: &Plane<'_>, noise: f64, limit: Limit) -> (Vec<f32>, Vec<f32>) {
     let trust = (OWN_ERROR / noise.max(1e-12)).clamp(*TRUST.start(), *TRUST.end());
-    let limit = (-OPAQUE).exp();
+    let least = (-OPAQUE).exp();
     let weight = |t: f64| {
-        let relative = trust * t.max(limit);
+        let t = t.max(least);
+        if limit == Limit::Light {
+            let error = |t: f64| (RELATIVE_ERROR * (FAINT - t.min(1.0).ln())).powi(2) + (noise / t).powi(2);
+            return (error(1.0) / error(t)) as f32;
+        }
+        let relative = trust * t;
         (relative * relative / (1.0 + relative * relative)) as f32
     };
-    let sums = (!exact).then(|| SummedAreaTable::new(transmittance));
+    let sums = (limit != Limit::Voxels).then(|| SummedAreaTable::new(transmittance));
     let measured = |(i, t): (usize, &f32)| {
         let t = f64::from(*t);
         if !t.is_finite() {
             return (0.0, 0.0);
         }
-        let logarithm = -t.max(limit).ln() as f32;
+        let logarithm = -t.max(least).ln() as f32;
         let Some(sums) = &sums else {
             return (logarithm, if t > 0.0 { weight(t) } else { weight(t) * 1e-3 });
         };
         let (mean, _) = sums.mean(i, AROUND);
-        let about = mean.max(noise / (2 * AROUND + 1) as f64).max(limit);
+        let about = mean.max(noise / (2 * AROUND + 1) as f64).max(least);
         let depth = if about > CERTAIN * noise && t > 0.0 { logarithm } else { (1.0 - about.ln() - t / about) as f32 };
         (depth, weight(about))
     };
@@ -423,11 +483,11 @@ impl DepthMap {
         camera.focal /= s;
         camera.centre /= s;
         (camera.width, camera.height) = (width as u32, height as u32);
-        let (noise, exact, name) = (self.noise / s, self.exact, self.name.clone());
-        if !exact {
-            (depth, weight) = depths(&Plane { width, values: &transmittance }, noise, false);
+        let (noise, limit, name) = (self.noise / s, self.limit, self.name.clone());
+        if limit != Limit::Voxels {
+            (depth, weight) = depths(&Plane { width, values: &transmittance }, noise, limit);
         }
-        Self { camera, width, height, transmittance, depth, weight, shown, noise, exact, name }
+        Self { camera, width, height, transmittance, depth, weight, shown, noise, limit, name }
     }
 }
 

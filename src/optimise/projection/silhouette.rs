@@ -17,6 +17,22 @@ const CLEAR: f64 = 5.0;
 const MARGIN: usize = 3;
 /// Opacity that a few roundings of `f32` leave of none.
 const ROUNDING: f32 = 2e-6;
+/// Shorter side of a photograph over the width of the border that its background is measured in.
+const BORDER: usize = 32;
+/// Largest opacity and deviation that the background of a photograph may seem to have, and how few of its pixels may be
+/// clearly less opaque than that: one of so many.
+const DARKEST: f64 = 0.03;
+const DARKER: usize = 100;
+/// Largest step of integer samples: next to white those of 8 bits are 0.009 apart.
+const LARGEST_STEP: f64 = 0.01;
+/// Distance from the median in such steps and in standard deviations up to which values of a border may be noise, that in
+/// standard deviations of what is left beyond which they are clipped, and how often that is repeated.
+const FARTHEST_STEPS: f64 = 24.0;
+const FARTHEST: f64 = 6.0;
+const CLIPPED: f64 = 3.0;
+const CLIPPINGS: usize = 8;
+/// Standard deviation of roundings, in steps of what is rounded.
+const ROUNDED: f64 = 0.289;
 /// Least number of values that tell a deviation.
 const FEWEST: usize = 32;
 
@@ -48,6 +64,43 @@ impl EmptyPixels {
         let near: Vec<f64> = values.iter().map(|v| f64::from(*v)).filter(|v| v.abs() <= 3.0 * deviation).collect();
         let mean = near.iter().sum::<f64>() / near.len().max(1) as f64;
         Some(Self { mean, deviation })
+    }
+
+    /// Measures the border of a photograph, which shows what the camera and its coding make of the background; `None`
+    /// where too much of the border shows more than that. Values far from the others are clipped until none is left.
+    pub fn of_border(opacity: &Plane<'_>) -> Option<Self> {
+        let (width, height) = (opacity.width, opacity.height());
+        let edge = (width.min(height) / BORDER).max(1);
+        let outer = |at: usize, end: usize| at < edge || at + edge >= end;
+        let border = (0..width * height).filter(|i| outer(i % width, width) || outer(i / width, height));
+        let mut values: Vec<f32> = border.map(|i| opacity.values[i]).filter(|v| v.is_finite()).collect();
+        if values.len() < FEWEST {
+            return None;
+        }
+        values.sort_unstable_by(f32::total_cmp);
+        let at = |percent: usize| f64::from(values[values.len() * percent / 100]);
+        let median = at(50);
+        let apart = || values.iter().map(|v| (f64::from(*v) - median).abs());
+        let step = apart().filter(|apart| (f64::from(ROUNDING)..LARGEST_STEP).contains(apart)).reduce(f64::min);
+        let step = step.unwrap_or(0.0);
+        // 34 % of a normal distribution lie within 0.44 standard deviations above or below its median.
+        let spread = (median - at(33)).max(at(67) - median) / 0.44;
+        let mut reach = (FARTHEST_STEPS * step).max(FARTHEST * spread);
+        let mut of_rest = (0.0, 0.0);
+        for _ in 0..CLIPPINGS {
+            let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
+            for value in values.iter().map(|v| f64::from(*v) - median).filter(|v| v.abs() <= reach) {
+                (sum, square, count) = (sum + value, square + value * value, count + 1.0);
+            }
+            // The median itself is never clipped.
+            let mean = sum / f64::max(count, 1.0);
+            of_rest = (mean, (square / f64::max(count, 1.0) - mean * mean).max(0.0).sqrt());
+            reach = reach.min(CLIPPED * of_rest.1 + mean.abs());
+        }
+        let (mean, deviation) = (median + of_rest.0, of_rest.1.max(ROUNDED * step).max(f64::from(ROUNDING)));
+        let darker = opacity.values.iter().filter(|v| f64::from(**v) < mean - CLEAR * deviation).count();
+        let dark = mean.abs() < DARKEST && deviation < DARKEST && DARKER * darker < opacity.values.len();
+        dark.then_some(Self { mean, deviation })
     }
 }
 
@@ -93,4 +146,45 @@ fn deviation(means: &[(f64, f64)], pixel: f64, edge: usize) -> Option<f64> {
     let middle = below.len() / 2;
     let (_, median, _) = below.select_nth_unstable_by(middle, f64::total_cmp);
     Some((*median / 0.6745).max(white))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A dense disk whose edge fades, before a background of the given opacities.
+    fn picture(background: impl Fn(usize) -> f32) -> Vec<f32> {
+        let pixel = |i: usize| {
+            let (x, y) = ((i % 64) as f32 - 32.0, (i / 64) as f32 - 32.0);
+            background(i) + (1.0 - (x * x + y * y) / 400.0).max(0.0)
+        };
+        (0..64 * 64).map(pixel).collect()
+    }
+
+    fn of_border(values: &[f32]) -> Option<EmptyPixels> {
+        EmptyPixels::of_border(&Plane { width: 64, values })
+    }
+
+    #[test]
+    fn black_is_what_the_border_shows() {
+        let level = 0.0003;
+        // A level of black, with another one now and then: half a level is rounding, and one shows nothing.
+        let coded = picture(|i| level * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 0.0][i * 7919 % 10]);
+        let empty = of_border(&coded).unwrap_or(EmptyPixels { mean: 0.0, deviation: 0.0 });
+        assert!((empty.mean - 0.0003).abs() < 1e-7 && (empty.deviation / 0.0003 - 0.289).abs() < 1e-3, "{empty:?}");
+        let shown = silhouette(&Plane { width: 64, values: &coded }, empty);
+        let disk = picture(|_| 0.0);
+        let wide = |i: usize| ((i % 64) as f32 - 32.0).hypot((i / 64) as f32 - 32.0) < 28.0;
+        assert!((0..64 * 64).all(|i| (disk[i] <= 0.01 || shown[i]) && (!shown[i] || wide(i))));
+        // One level all around has no deviation.
+        assert_eq!(of_border(&picture(|_| 0.0003)).map(|e| (e.mean as f32, e.deviation)), Some((0.0003, 0.0)));
+    }
+
+    #[test]
+    fn a_border_that_shows_the_medium_tells_nothing() {
+        assert_eq!(of_border(&picture(|i| (i % 64) as f32 / 64.0)), None);
+        assert_eq!(of_border(&picture(|_| 0.5)), None, "an even haze is no black");
+        // A frame that is lighter than what lies inside is no background.
+        assert_eq!(of_border(&picture(|i| if (2..62).contains(&(i % 64)) { -0.5 } else { 0.001 })), None);
+    }
 }

@@ -3,7 +3,7 @@
 //! A pixel without optical depth has met only zeros (densities are not negative), so every voxel in
 //! its way is zero. A picture that shows something, but nothing at its border, shows the whole medium:
 //! what lies outside of it is empty too, unless another picture shows something there. What lies outside any
-//! other picture is not judged by it.
+//! other picture is not judged by it, but photographs leave out what most of them do not show.
 
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
@@ -81,24 +81,39 @@ impl<'a> Silhouette<'a> {
         if depth - radius < self.camera.near {
             return false;
         }
+        self.reach(pixel, depth, radius).is_some_and(|reach| self.empty(pixel - reach, pixel + reach))
+    }
+
+    /// Distances in pixels that a ball around a point reaches in the picture, at least; `None` for one around the eye.
+    fn reach(&self, pixel: DVec2, depth: f64, radius: f64) -> Option<DVec2> {
         let scale = match self.camera.projection {
             Projection::Orthographic => DVec2::ONE,
-            // A ball around the eye is not judged.
-            Projection::Perspective if depth <= 2.0 * radius => return false,
+            Projection::Perspective if depth <= 2.0 * radius => return None,
             // |(x + δx)/(z + δz) - x/z| ≤ |δ| √(1 + (x/z)²) / (z - |δ|)
             Projection::Perspective => {
                 let tangent = (pixel - self.camera.centre) / self.camera.focal;
                 (1.0 + tangent * tangent).map(f64::sqrt) / (depth - radius)
             }
         };
-        let reach = (radius * scale * self.camera.focal).max(DVec2::splat(0.75));
-        self.empty(pixel - reach, pixel + reach)
+        Some((radius * scale * self.camera.focal).max(DVec2::splat(0.75)))
+    }
+
+    /// True if no part of a ball lies in the picture.
+    fn ball_is_unseen(&self, centre: DVec3, radius: f64) -> bool {
+        let Some((pixel, depth)) = self.camera.project(centre) else {
+            return -self.camera.forward().dot(centre - self.camera.position()) > radius;
+        };
+        let size = DVec2::new(self.width as f64, self.height as f64);
+        let beside = |reach: DVec2| (pixel + reach).cmplt(DVec2::ZERO).any() || (pixel - reach).cmpgt(size).any();
+        self.reach(pixel, depth, radius).is_some_and(beside)
     }
 }
 
 /// The silhouettes of all views.
 pub struct Hull<'a> {
     views: Vec<Silhouette<'a>>,
+    /// True if what most of the pictures do not show is left out.
+    photographs: bool,
     cancel: Cancel,
 }
 
@@ -113,7 +128,7 @@ impl<'a> Hull<'a> {
             let frustum = frustum(v.camera);
             v.whole = occupied.iter().all(|ray| crosses(ray, &frustum));
         });
-        Self { views, cancel: Cancel::NEVER }
+        Self { views, photographs: observation.photographs(), cancel: Cancel::NEVER }
     }
 
     /// Stops with an error once that is requested.
@@ -122,9 +137,12 @@ impl<'a> Hull<'a> {
         Self { cancel, ..self }
     }
 
-    /// True if some view shows that there is nothing in the ball.
+    /// True if some view shows that there is nothing in the ball. What most photographs do not show is no part of what they
+    /// were taken of, even if it reaches their borders.
     fn carved(&self, centre: DVec3, radius: f64) -> bool {
+        let unseen = || self.views.iter().filter(|v| v.ball_is_unseen(centre, radius)).count();
         self.views.iter().any(|v| v.ball_is_empty(centre, radius))
+            || (self.photographs && 2 * unseen() > self.views.len())
     }
 
     /// World box of the hull, found coarse to fine.
