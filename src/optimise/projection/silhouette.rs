@@ -168,16 +168,17 @@ mod tests {
     #[test]
     fn black_is_what_the_border_shows() {
         let level = 0.0003;
-        // A level of black, with another one now and then: half a level is rounding, and one shows nothing.
+        // A level of black, and in a fifth of the pixels one more or less.
         let coded = picture(|i| level * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 0.0][i * 7919 % 10]);
         let empty = of_border(&coded).unwrap_or(EmptyPixels { mean: 0.0, deviation: 0.0 });
-        assert!((empty.mean - 0.0003).abs() < 1e-7 && (empty.deviation / 0.0003 - 0.289).abs() < 1e-3, "{empty:?}");
+        assert!((empty.mean - 0.0003).abs() < 1e-5 && (empty.deviation / 0.0003 - 0.447).abs() < 0.02, "{empty:?}");
         let shown = silhouette(&Plane { width: 64, values: &coded }, empty);
         let disk = picture(|_| 0.0);
         let wide = |i: usize| ((i % 64) as f32 - 32.0).hypot((i / 64) as f32 - 32.0) < 28.0;
         assert!((0..64 * 64).all(|i| (disk[i] <= 0.01 || shown[i]) && (!shown[i] || wide(i))));
-        // One level all around has no deviation.
-        assert_eq!(of_border(&picture(|_| 0.0003)).map(|e| (e.mean as f32, e.deviation)), Some((0.0003, 0.0)));
+        // One level all around has no deviation but roundings.
+        let even = of_border(&picture(|_| 0.0003)).map(|e| (e.mean as f32, e.deviation as f32));
+        assert_eq!(even, Some((0.0003, ROUNDING)));
     }
 
     #[test]
