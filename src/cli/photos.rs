@@ -36,10 +36,7 @@ pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, tick: &(dyn 
             .at(&frame.picture)
             .hint("correct 'w' and 'h' together with 'fl_x', 'fl_y', 'cx' and 'cy', or leave them out"));
         }
-        let photograph = match capture.pictures {
-            Some(pictures) => pictures == Pictures::Photographs,
-            None => picture::kind(&frame.picture)? != picture::Kind::Exr,
-        };
+        let photograph = capture.pictures == Some(Pictures::Photographs);
         Ok(Photo { camera: frame.camera, film, name: frame.picture.display().to_string(), photograph })
     };
     ordered::try_map(capture.frames.par_iter(), read)

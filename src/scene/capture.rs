@@ -91,7 +91,7 @@ pub struct Capture {
     /// Color space of pictures with integer samples; `None` where it is not stated. Pictures with floating-point samples
     /// are scene-linear.
     pub color_space: Option<ColorSpace>,
-    /// What the pictures are; without it, those with integer samples count as photographs, others as renders.
+    /// What the pictures are; renders unless stated.
     pub pictures: Option<Pictures>,
     /// Remarks about what the capture's file states and has no effect here; empty for captures from elsewhere.
     pub remarks: Vec<String>,

@@ -169,8 +169,6 @@ impl Convert {
             true => Some(setting.state(&mut capture, self.background).map_err(|e| e.at(&main))?),
             false => None,
         };
-        // Of EXRs no reader would know it.
-        capture.pictures = capture.pictures.or((!integer.is_empty()).then_some(Pictures::Photographs));
         capture.color_space = None;
         provenance.lap();
         self.write(&capture, &main, &folder, &provenance, &mut batch)?;

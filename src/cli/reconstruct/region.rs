@@ -131,8 +131,9 @@ impl Region {
             bounds.size().y,
             bounds.size().z
         );
-        let remedy = "check cameras and background in transforms.json; if they are right, give --voxel-size, --resolution \
-                      or --bounds";
+        let remedy = "check cameras and background in transforms.json; of photographs, `cumulo capture convert \
+                      --photographs` measures the background; if they are right, give --voxel-size, --resolution or \
+                      --bounds";
         let user_chosen =
             self.voxel_size.is_some() || self.resolution.is_some() || matches!(self.bounds, Bounds::Given(_));
         match ratio {
