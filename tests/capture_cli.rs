@@ -193,7 +193,6 @@ fn photographs_tell_their_setting() {
     let work = Work::new();
     let medium = "--model emission-absorption --emission 0.8,0.8,0.8 --background 0,0,0 --density-scale auto";
     work.json(&format!("render @plume.vdb --views 9 --size 48x48 {medium} -o shots"));
-    let truth = transforms::load(&work.path("shots")).unwrap();
     for i in 0..9 {
         let mut film = work.picture(&format!("shots/view_{i:03}.exr"));
         for (k, pixel) in film.rgba.iter_mut().enumerate() {
@@ -241,7 +240,6 @@ fn photographs_tell_their_setting() {
     assert!(psnr > 35.0, "{psnr}");
     let ghosts = seen.rgba.iter().zip(&real.rgba).filter(|(_, real)| real[0] == 0.0).map(|(seen, _)| seen[0]);
     assert!(ghosts.fold(0.0, f32::max) < 0.02);
-    assert_eq!(truth.frames.len(), 9);
 }
 
 /// A video is told by its first bytes; without the program that decodes it, or without such a frame, nothing is written.

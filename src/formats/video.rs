@@ -59,7 +59,7 @@ pub fn write_frame(video: &Path, frame: u32, png: &Path) -> Result<()> {
     if !png.exists() {
         return Err(Error::invalid(format!("the video has no frame {frame}, counted from 0"))
             .at(video)
-            .hint("give an earlier --frame; `ffprobe -count_frames` tells how many there are"));
+            .hint("give an earlier frame; `ffprobe -count_frames` tells how many there are"));
     }
     Ok(())
 }

@@ -45,7 +45,7 @@ pub enum PixelFilter {
     Box,
 }
 
-/// What the pictures of a capture are.
+/// Origin of the pictures of a capture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Pictures {
@@ -91,7 +91,7 @@ pub struct Capture {
     /// Color space of pictures with integer samples; `None` where it is not stated. Pictures with floating-point samples
     /// are scene-linear.
     pub color_space: Option<ColorSpace>,
-    /// What the pictures are; renders unless stated.
+    /// Origin of the pictures; they count as renders unless it is stated.
     pub pictures: Option<Pictures>,
     /// Remarks about what the capture's file states and has no effect here; empty for captures from elsewhere.
     pub remarks: Vec<String>,

@@ -98,7 +98,7 @@ pub(in crate::cli) struct Report {
     /// Smallest and largest width and height of the pictures in pixels.
     sizes: [[u32; 2]; 2],
     color_space: Option<ColorSpace>,
-    /// What photographs show, in words.
+    /// Medium and background of photographs, in words.
     setting: Option<String>,
     warnings: Vec<Warning>,
     provenance: Provenance,
@@ -166,7 +166,7 @@ impl Convert {
             capture = moved(capture, map);
         }
         let setting = match self.photographs {
-            true => Some(setting.state(&mut capture, self.background).map_err(|e| e.at(&main))?),
+            true => Some(setting.state(&mut capture, self.background).map_err(|e| e.at(captures::file(&self.input)))?),
             false => None,
         };
         capture.color_space = None;

@@ -11,7 +11,7 @@ const SAME: f32 = 0.03;
 /// Radiance up to which a background counts as what a camera makes of black: 8 of 255 levels of sRGB.
 const BLACK: f32 = 0.0025;
 
-/// What the pictures that were added show.
+/// Background and light of the pictures that were added.
 #[derive(Debug, Default)]
 pub(super) struct Setting {
     /// Colors of all borders.

@@ -44,13 +44,13 @@ pub struct DepthMap {
     pub shown: Vec<bool>,
     /// Standard deviation of the noise in a pixel's transmittance.
     pub noise: f64,
-    /// What limits the accuracy of the depths.
+    /// Limit of the depths' accuracy.
     pub limit: Limit,
     /// Named in messages.
     pub name: String,
 }
 
-/// What limits the accuracy of the optical depths of a picture.
+/// Limit of the accuracy of a picture's optical depths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Limit {
     /// The voxels alone: noise has no say, and depths are the logarithms of single pixels.
