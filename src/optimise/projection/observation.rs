@@ -5,7 +5,7 @@
 //! `c = 0`. Reconstruction is then linear in the unknown densities.
 
 use super::plane::{Plane, SummedAreaTable};
-use super::silhouette::{EmptyPixels, silhouette};
+use super::silhouette::{EmptyPixels, silhouette, without_specks};
 use crate::error::{Error, Result};
 use crate::scene::camera::Camera;
 use crate::scene::film::Film;
@@ -337,7 +337,10 @@ impl PictureStatistics {
             photo.film.rgba.iter().map(|p| (reading.transmittance(p) + black) as f32).collect();
         let (depth, weight) = depths(&Plane { width: photo.film.width, values: &transmittance }, noise, limit);
         let shown = match (&self.dark, noisy) {
-            (Some(dark), _) => silhouette(&Plane { width: photo.film.width, values: &dark.medians }, dark.of_medians),
+            (Some(Dark { medians, of_medians, .. }), _) => {
+                let medians = Plane { width: photo.film.width, values: medians };
+                without_specks(&medians, &silhouette(&medians, *of_medians), of_medians.mean)
+            }
             (None, Some(pixels)) => {
                 let opacity = opacity(photo, reading);
                 silhouette(&Plane { width: photo.film.width, values: &opacity }, pixels)

@@ -22,9 +22,13 @@ const BORDER: usize = 32;
 /// Largest opacity and deviation that the background of a photograph may seem to have, and how few of its pixels may be
 /// clearly less opaque than that: one of so many.
 const DARKEST: f64 = 0.03;
+const NOISIEST: f64 = 0.08;
 const DARKER: usize = 100;
-/// Largest step of integer samples: next to white those of 8 bits are 0.009 apart.
-const LARGEST_STEP: f64 = 0.01;
+/// Share of all light of a picture that a speck has less than.
+const SPECK: f64 = 1e-3;
+/// Largest step of integer samples, relative to the background: those of 8 bits are 0.009 apart next to white, and 0.02
+/// of it next to a background of 0.2.
+const LARGEST_STEP: f64 = 0.025;
 /// Distance from the median in such steps and in standard deviations up to which values of a border may be noise, that in
 /// standard deviations of what is left beyond which they are clipped, and how often that is repeated.
 const FARTHEST_STEPS: f64 = 24.0;
@@ -98,10 +102,41 @@ impl EmptyPixels {
             reach = reach.min(CLIPPED * of_rest.1 + mean.abs());
         }
         let (mean, deviation) = (median + of_rest.0, of_rest.1.max(ROUNDED * step).max(f64::from(ROUNDING)));
-        let darker = opacity.values.iter().filter(|v| f64::from(**v) < mean - CLEAR * deviation).count();
-        let dark = mean.abs() < DARKEST && deviation < DARKEST && DARKER * darker < opacity.values.len();
-        dark.then_some(Self { mean, deviation })
+        // What is less opaque than the background is noise: coding leaves more of it in some blocks than in others.
+        let mut all: Vec<f32> = opacity.values.iter().copied().filter(|v| v.is_finite()).collect();
+        let darker = all.len() / DARKER;
+        let (_, least, _) = all.select_nth_unstable_by(darker, f32::total_cmp);
+        let deviation = deviation.max((mean - f64::from(*least)) / CLEAR);
+        (mean.abs() < DARKEST && deviation < NOISIEST).then_some(Self { mean, deviation })
     }
+}
+
+/// Takes the parts of a photograph's silhouette out that have hardly any of its light: clipping and coding of noise leave
+/// specks, which would keep empty space around the medium. Pixels that are not finite stay.
+pub fn without_specks(opacity: &Plane<'_>, shown: &[bool], background: f64) -> Vec<bool> {
+    let light = |i: usize| (f64::from(opacity.values[i]) - background).max(0.0);
+    let finite = |i: &usize| opacity.values[*i].is_finite();
+    let total: f64 = (0..shown.len()).filter(|i| shown[*i]).filter(finite).map(light).sum();
+    let mut kept = shown.to_vec();
+    let mut seen: Vec<bool> = shown.iter().map(|shown| !shown).collect();
+    let (width, height) = (opacity.width, opacity.height());
+    for first in 0..shown.len() {
+        if std::mem::replace(&mut seen[first], true) {
+            continue;
+        }
+        let (mut part, mut next) = (vec![first], 0);
+        while let Some(&i) = part.get(next) {
+            next += 1;
+            let (x, y) = (i % width, i / width);
+            let rows = y.saturating_sub(1)..(y + 2).min(height);
+            let around = rows.flat_map(|v| (x.saturating_sub(1)..(x + 2).min(width)).map(move |u| v * width + u));
+            part.extend(around.filter(|k| !std::mem::replace(&mut seen[*k], true)));
+        }
+        if part.iter().copied().filter(finite).map(light).sum::<f64>() < SPECK * total {
+            part.into_iter().filter(finite).for_each(|i| kept[i] = false);
+        }
+    }
+    kept
 }
 
 /// Returns true for each pixel that shows something, and for each that is not finite, since it says nothing.
@@ -179,6 +214,20 @@ mod tests {
         // One level all around has no deviation but roundings.
         let even = of_border(&picture(|_| 0.0003)).map(|e| (e.mean as f32, e.deviation as f32));
         assert_eq!(even, Some((0.0003, ROUNDING)));
+    }
+
+    #[test]
+    fn specks_have_hardly_any_light() {
+        let mut values = picture(|_| 0.0);
+        // One is all but dark, one as bright as a hundredth of the disk, and one says nothing.
+        values[3 * 64 + 3] = 0.2;
+        (0..9).for_each(|i| values[(2 + i / 3) * 64 + 58 + i % 3] = 0.9);
+        values[60 * 64 + 2] = f32::NAN;
+        let plane = Plane { width: 64, values: &values };
+        let shown: Vec<bool> = values.iter().map(|v| v.is_nan() || *v > 0.0).collect();
+        let kept = without_specks(&plane, &shown, 0.0);
+        let lost: Vec<usize> = (0..64 * 64).filter(|i| shown[*i] && !kept[*i]).collect();
+        assert_eq!(lost, [3 * 64 + 3]);
     }
 
     #[test]
