@@ -6,12 +6,14 @@ mod fields;
 
 use cumulo::cancel::Cancel;
 use cumulo::math::{Aabb, Affine};
-use cumulo::optimise::density::confidence::confidence;
+use cumulo::optimise::density::confidence::{MeasuredView, confidence};
 use cumulo::optimise::gradient::footprint::{Footprint, Lens};
 use cumulo::optimise::gradient::partition::Parts;
 use cumulo::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
+use cumulo::optimise::projection::depth_map::DepthMap;
 use cumulo::optimise::projection::depths::{Depths, mean};
-use cumulo::optimise::projection::observation::{DepthMap, Observation, Photo};
+use cumulo::optimise::projection::observation::Observation;
+use cumulo::optimise::projection::photo::Photo;
 use cumulo::optimise::projection::projector::{Projector, Sample, View};
 use cumulo::optimise::region::hull::Hull;
 use cumulo::optimise::solver::conjugate::{Equations, Solver};
@@ -222,12 +224,13 @@ fn transmittance_is_read_off_any_grey_medium() {
     let mut wide = photo;
     wide.film = Film::of(12, 1, [&wide.film.rgba[..], &[[0.0, 0.5, 0.4, 0.0]; 8]].concat());
     let map = &Observation::new(&[wide], background, source).unwrap().maps[0];
-    for (depth, t) in map.depth.iter().zip([1.0_f32, 0.5, 0.01]) {
+    let depths = map.depths();
+    for (depth, t) in depths.depth.iter().zip([1.0_f32, 0.5, 0.01]) {
         // Colors near 0.5 are rounded at 3e-8; at T = 0.01 that is 6e-6 of the depth.
         assert!((depth + t.ln()).abs() < 2e-5, "{depth} {t}");
     }
-    assert_eq!((map.depth[3], map.weight[3]), (0.0, 0.0));
-    assert!(map.weight[..3].iter().all(|w| *w > 0.2 && *w <= 1.0), "{:?}", map.weight);
+    assert_eq!((depths.depth[3], depths.weight[3]), (0.0, 0.0));
+    assert!(depths.weight[..3].iter().all(|w| *w > 0.2 && *w <= 1.0), "{:?}", depths.weight);
 }
 
 /// `⟨A x, y⟩ = ⟨x, Aᵀ y⟩` through the one walk that gives both.
@@ -387,9 +390,10 @@ fn weights_follow_the_noise() {
         let observation = Observation::new(&photos, [1.0; 3], [0.0; 3]).unwrap();
         let found: Vec<f64> = observation.maps.iter().map(|m| m.noise).collect();
         // The weight of the darkest pixel falls with the noise.
-        let weights = observation.maps.iter().flat_map(|m| m.weight.iter().zip(&m.depth));
+        let depths: Vec<_> = observation.maps.iter().map(|m| m.depths().into_owned()).collect();
+        let weights = depths.iter().flat_map(|m| m.weight.iter().zip(&m.depth));
         let darkest = weights.filter(|(_, d)| (0.9..1.1).contains(*d)).map(|(w, _)| *w).fold(1.0, f32::min);
-        let largest = observation.maps.iter().flat_map(|m| &m.weight).fold(0.0, |a: f32, b| a.max(*b));
+        let largest = depths.iter().flat_map(|m| &m.weight).fold(0.0, |a: f32, b| a.max(*b));
         (observation.clean, darkest, largest, found)
     };
     let (clean, noisy) = (weight(0.0), weight(0.05));
@@ -420,7 +424,8 @@ fn photographs_have_a_black_and_count_by_shares() {
     assert!(photograph.photographs() && !render.photographs());
     let at = |x: usize| 16 * SIDE + x;
     // The border shows the medium in a quarter of its pixels.
-    let [thin, dense] = [4, 28].map(|x| (photograph.maps[0].transmittance[at(x)], photograph.maps[0].weight[at(x)]));
+    let depths = photograph.maps[0].depths();
+    let [thin, dense] = [4, 28].map(|x| (photograph.maps[0].transmittance[at(x)], depths.weight[at(x)]));
     assert!((thin.0 - 0.95).abs() < 1e-6 && (dense.0 - 0.5).abs() < 1e-6, "{thin:?} {dense:?}");
     // (0.3 + τ)² of the two depths, where noise has no say.
     let share = |t: f64| (0.3 / (0.3 - t.ln())).powi(2);
@@ -445,7 +450,7 @@ fn noise_leaves_no_bias_in_depths() {
     let observation =
         Observation::new(&[Photo { camera, film, name: "view".into(), photograph: false }], [1.0; 3], [0.0; 3])
             .unwrap();
-    let map = &observation.maps[0];
+    let map = observation.maps[0].depths();
     let inner = (0..SIDE * SIDE).filter(|i| (3..SIDE / 2 - 3).contains(&(i % SIDE)));
     let (sum, weight) = inner.fold((0.0, 0.0), |(sum, weight), i| {
         let w = f64::from(map.weight[i]);
@@ -668,9 +673,9 @@ fn a_wall_hides_what_is_behind_it() {
         height: 48,
         near: 0.0,
     };
-    let target = Target { camera, rgba: vec![[0.5; 4]; 48 * 48], rays_per_edge: 1 };
+    let view = MeasuredView { camera, rays_per_edge: 1, measured: &|_| true };
     let renderer = Preshaded::new(&field).over([0.9, 0.1, 0.4]);
-    let known = confidence(&renderer, &[&target], 0.01, &[(&[3], 0.1), (&[0, 1, 2], 0.1)], Cancel::NEVER, |_, _| ());
+    let known = confidence(&renderer, &[view], 0.01, &[(&[3], 0.1), (&[0, 1, 2], 0.1)], Cancel::NEVER, |_, _| ());
     let known = known.unwrap();
     for (which, known) in ["extinction", "emission"].into_iter().zip(known) {
         for (voxel, known) in known.into_iter().enumerate() {

@@ -5,7 +5,7 @@ use crate::formats::exr;
 use crate::formats::limits::Limits;
 use crate::formats::picture;
 use crate::optimise::plausibility::Warning;
-use crate::optimise::projection::observation::Photo;
+use crate::optimise::projection::photo::Photo;
 use crate::ordered;
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::capture::{Capture, Frame, Pictures};
@@ -13,14 +13,27 @@ use crate::scene::film::Film;
 use rayon::prelude::*;
 use std::path::Path;
 
-/// Reads all pictures of a capture, on all threads; `tick` is called once a picture.
+/// Bytes a pixel that a picture takes with its optical depths and weights and the rays that a solver walks.
+pub const WHOLE: u64 = 48;
+/// Bytes a pixel that its transmittance and the rays that a solver walks take.
+pub const DEPTHS: u64 = 24;
+
+/// Reads the pictures of a capture, on all threads, each only until `take` has made of it what is kept; `tick` is called
+/// once a picture. What is kept has `bytes` a pixel.
 ///
 /// # Errors
-/// If a picture cannot be read, has another size than its camera or holds no colors, or they do not fit in memory.
-pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, tick: &(dyn Fn() + Sync)) -> Result<Vec<Photo>> {
-    let pixels: u64 = capture.frames.iter().map(|f| u64::from(f.camera.width) * u64::from(f.camera.height)).sum();
-    // Colors, depths and weights, and the rays that the solver walks.
-    if pixels * 48 > limits.max_memory {
+/// If a picture cannot be read, has another size than its camera or holds no colors, or what is kept does not fit in
+/// memory.
+pub fn each<T: Send>(
+    capture: &Capture,
+    layer: Option<&str>,
+    limits: Limits,
+    bytes: u64,
+    tick: &(dyn Fn() + Sync),
+    take: impl Fn(Photo) -> T + Sync + Send,
+) -> Result<Vec<T>> {
+    let pixels = capture.pixels();
+    if pixels * bytes > limits.max_memory {
         return Err(Error::unsupported(format!("{pixels} pixels do not fit in memory"))
             .hint("use fewer or smaller pictures, or raise --max-memory"));
     }
@@ -37,7 +50,7 @@ pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, tick: &(dyn 
             .hint("correct 'w' and 'h' together with 'fl_x', 'fl_y', 'cx' and 'cy', or leave them out"));
         }
         let photograph = capture.pictures == Some(Pictures::Photographs);
-        Ok(Photo { camera: frame.camera, film, name: frame.picture.display().to_string(), photograph })
+        Ok(take(Photo { camera: frame.camera, film, name: frame.picture.display().to_string(), photograph }))
     };
     ordered::try_map(capture.frames.par_iter(), read)
 }

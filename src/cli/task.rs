@@ -12,8 +12,8 @@ use crate::cancel::Cancel;
 use crate::error::{Kind, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
-use crate::optimise::plausibility::{self, Emission, Warning};
-use crate::optimise::projection::observation::Photo;
+use crate::optimise::plausibility::{self, Emission, PictureFacts, Warning};
+use crate::optimise::projection::photo::Photo;
 use crate::process;
 use crate::scene::capture::Capture;
 use std::ops::ControlFlow;
@@ -21,6 +21,19 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+
+/// The pictures that a task reads.
+#[derive(Debug, Clone, Copy)]
+pub struct Captured<'c> {
+    /// File that the capture lies in.
+    pub json: &'c Path,
+    /// Cameras and paths of the pictures.
+    pub capture: &'c Capture,
+    /// Whether the pictures must show the emission that the capture states.
+    pub emission: Emission,
+    /// Layer of the pictures; none for the beauty.
+    pub layer: Option<&'c str>,
+}
 
 /// A task that has begun.
 #[derive(Debug)]
@@ -49,30 +62,31 @@ impl<'t> Task<'t> {
         Ok(Self { provenance, limits: memory.limits(), cancel, report })
     }
 
-    /// Reads the pictures of a capture, which lies at `json`, and returns them with warnings about doubtful ones. `emission`
-    /// tells whether the pictures must show the one that the capture states.
+    /// Reads the pictures of a capture, and returns what `take` makes of each, of `bytes` a pixel, with warnings about
+    /// doubtful ones.
     ///
     /// # Errors
-    /// Those of [`photos::read`], and an error if pictures and capture contradict each other.
-    pub fn photos(
+    /// Those of [`photos::each`], and an error if pictures and capture contradict each other.
+    pub fn pictures<T: Send>(
         &mut self,
-        json: &Path,
-        capture: &Capture,
-        emission: Emission,
-        layer: Option<&str>,
+        Captured { json, capture, emission, layer }: Captured<'_>,
         output: &Output,
-    ) -> Result<(Vec<Photo>, Vec<Warning>)> {
+        bytes: u64,
+        take: impl Fn(Photo) -> T + Sync + Send,
+    ) -> Result<(Vec<T>, Vec<Warning>)> {
         let bar = output.progress(capture.frames.len() as u64, "reading pictures");
-        let photos = photos::read(capture, layer, self.limits, &|| bar.inc(1))?;
+        let read = |photo: Photo| (PictureFacts::new(&photo, capture, emission), take(photo));
+        let (facts, taken): (Vec<_>, Vec<_>) =
+            photos::each(capture, layer, self.limits, bytes, &|| bar.inc(1), read)?.into_iter().unzip();
         let pictures = capture.frames.iter().map(|f| f.picture.as_path());
         let files = captures::files(json);
         self.provenance.input(json, files.iter().map(PathBuf::as_path).chain(pictures))?;
-        let findings = plausibility::pictures(&photos, capture, emission);
+        let findings = plausibility::pictures(&facts, capture, emission);
         bar.finish_and_clear();
         let mut warnings = plausibility::refuse(findings).map_err(|e| e.at(json))?;
         warnings.extend(photos::remarks(capture));
         output.warn(&warnings);
-        Ok((photos, warnings))
+        Ok((taken, warnings))
     }
 
     /// Marks the beginning of the work: from here on a first Ctrl-C stops it, and its result so far is written; before, a

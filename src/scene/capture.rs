@@ -124,6 +124,11 @@ impl Capture {
         Self { model: Model::Absorption, background: [1.0; 3], transfer: None, ..self.clone() }
     }
 
+    /// Number of pixels of all pictures.
+    pub fn pixels(&self) -> u64 {
+        self.frames.iter().map(|frame| u64::from(frame.camera.width) * u64::from(frame.camera.height)).sum()
+    }
+
     /// Medium that the pictures show.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use super::row::Row;
 use super::turns::{in_turn, median, ratio};
 use cumulo::math::{Affine, Ray};
 use cumulo::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
-use cumulo::optimise::projection::observation::{DepthMap, Limit};
+use cumulo::optimise::projection::depth_map::{DepthMap, Limit};
 use cumulo::optimise::projection::projector::Projector;
 use cumulo::render::composited::Composited;
 use cumulo::render::differentiable::Adjoint;
@@ -148,12 +148,11 @@ fn projections_per_second(scene: &Scene, pools: &[ThreadPool; 2]) -> Vec<Row> {
         width: PIXELS as usize,
         height: PIXELS as usize,
         transmittance: vec![(-1.0_f32).exp(); pixels],
-        depth: vec![1.0; pixels],
-        weight: vec![1.0; pixels],
         shown: vec![true; pixels],
         noise: 0.0,
         limit: Limit::Voxels,
         name: "view".into(),
+        means: None,
     };
     let topology = &scene.field.topology;
     let mut projector = Projector::new(topology.clone(), scene.field.transform, 0.15, 1);

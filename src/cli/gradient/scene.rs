@@ -8,7 +8,8 @@ use crate::error::{Error, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
 use crate::optimise::loss::Rgba;
-use crate::optimise::plausibility::{self, Emission, Warning};
+use crate::optimise::plausibility::{self, Emission, PictureFacts, Warning};
+use crate::optimise::projection::photo::Photo;
 use crate::optimise::study::Study;
 use crate::optimise::study::setting::{Setting, Units};
 use crate::optimise::study::subject::{Subject, depth_channel, largest};
@@ -127,18 +128,20 @@ impl GradientCommand {
         let targets = match &target {
             Some(capture) if self.loss().compares() => {
                 let bar = output.progress(capture.frames.len() as u64, "reading pictures");
-                let photos = photos::read(capture, None, limits, &|| bar.inc(1))?;
-                bar.finish_and_clear();
                 // What the options say otherwise is what is differentiated at.
                 let background = self.background.unwrap_or(capture.background);
                 let shown =
                     Capture { background, emission: self.emission.unwrap_or(capture.emission), ..capture.clone() };
-                warnings = plausibility::warnings(plausibility::pictures(&photos, &shown, Emission::Stated));
+                let take = |photo: Photo| {
+                    let target: Vec<Rgba> = photo.film.rgba.iter().map(|p| p.map(f64::from)).collect();
+                    (PictureFacts::new(&photo, &shown, Emission::Stated), target)
+                };
+                let read = photos::each(capture, None, limits, photos::WHOLE, &|| bar.inc(1), take)?;
+                bar.finish_and_clear();
+                let (facts, targets): (Vec<PictureFacts>, Vec<Vec<Rgba>>) = read.into_iter().unzip();
+                warnings = plausibility::warnings(plausibility::pictures(&facts, &shown, Emission::Stated));
                 output.warn(&warnings);
-                photos
-                    .into_iter()
-                    .map(|photo| photo.film.rgba.iter().map(|p| p.map(f64::from)).collect::<Vec<Rgba>>())
-                    .collect()
+                targets
             }
             _ => Vec::new(),
         };

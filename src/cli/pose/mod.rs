@@ -5,7 +5,8 @@ mod page;
 use super::memory::Memory;
 use super::output::Output;
 use super::outputs::Content;
-use super::task::{Task, exit_code};
+use super::photos;
+use super::task::{Captured, Task, exit_code};
 use super::transfer::TransferOption;
 use super::{run, volume};
 use crate::error::{Error, Result};
@@ -17,7 +18,7 @@ use crate::optimise::plausibility::{Emission, Warning};
 use crate::optimise::pose::colors::Colors;
 use crate::optimise::pose::pyramid::levels;
 use crate::optimise::pose::search::{PoseEstimate, Request, UNEXPLAINED, solve};
-use crate::optimise::projection::observation::Photo;
+use crate::optimise::projection::photo::Photo;
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::bricks::Bricks;
@@ -173,7 +174,9 @@ impl Pose {
             let _stage = output.stage("reading the volume");
             self.grids(&capture, limits)?
         };
-        let (photos, mut warnings) = task.photos(&json, &shown, Emission::Stated, self.layer.as_deref(), output)?;
+        let captured =
+            Captured { json: &json, capture: &shown, emission: Emission::Stated, layer: self.layer.as_deref() };
+        let (photos, mut warnings) = task.pictures(captured, output, photos::WHOLE, |photo| photo)?;
         task.provenance.input(&self.volume, [self.volume.as_path()])?;
         if let Some(tf) = self.transfer.file() {
             task.provenance.input(tf, [tf])?;

@@ -2,8 +2,8 @@
 
 use super::capture::LoadedCapture;
 use super::confidence::{self, Fit};
-use super::region::{Region, Unknowns};
-use super::volume::{Measurements, Solved, VolumeTask};
+use super::region::{Placed, Region};
+use super::volume::{Pictures, Solved, VolumeTask};
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::outputs::Content;
@@ -16,8 +16,8 @@ use crate::formats::vdb::{File, shaded};
 use crate::optimise::color::{self, Shaded};
 use crate::optimise::density::Request;
 use crate::optimise::plausibility::Emission;
-use crate::optimise::plausibility::cost::Method;
-use crate::optimise::projection::observation::Observation;
+use crate::optimise::plausibility::cost::{Cost, Method};
+use crate::optimise::projection::transmittances::Channels;
 use crate::scene::capture::Model;
 use crate::scene::grid::Grid;
 use crate::scene::medium::Medium;
@@ -90,17 +90,23 @@ impl Color {
                 "the pictures show scattered light: the volume emits what these lights made of it, the same in all directions",
             );
         }
-        let pictures = work.read(Emission::Sought, |photos, _| Observation::by_alpha(photos))?;
+        let pixels = work.input.capture.pixels();
+        work.forecast(&self.region, Channels::Alpha, |observation, placed| {
+            let request = self.request(&work, placed, held_out.clone());
+            let steps = color::most_iterations(observation, &request);
+            Ok(Cost::new(Method::Color, &placed.survey, &request, pixels, steps))
+        })?;
+        let pictures = work.read(Emission::Sought, Channels::Alpha, true, |photo| photo)?;
         let measurements = work.measure(&self.region, pictures)?;
-        let request = self.request(&work, &measurements.unknowns, held_out);
+        let request = self.request(&work, &measurements.unknowns.placed, held_out);
         let previous = self.resume && self.output.exists();
         let read = || shaded::read(&File::open(&self.output, limits)?, None, limits.max_memory);
         let init = previous.then(|| protected::unprotected(&self.output, read));
         let init = init.transpose()?;
-        let steps = color::most_iterations(&measurements.observation, &request);
+        let steps = color::most_iterations(&measurements.pictures.observation, &request);
         work.plan(&measurements, &request, Method::Color, steps)?;
 
-        let Measurements { photos, observation, .. } = measurements;
+        let Pictures { photos, excerpts, observation } = measurements.pictures;
         let outcome =
             work.solve("color", steps, |watch| color::reconstruct(&photos, &observation, &request, init, watch));
         let Shaded { volume, history, stages, train_psnr_db, held_out_psnr_db, voxels, stopped } =
@@ -109,11 +115,10 @@ impl Color {
                 Err(code) => return Ok(code),
             };
         work.solved(stages);
-        drop(observation);
+        drop((photos, observation));
         let mut solved = Solved { history, train_psnr_db, held_out_psnr_db, unknowns: voxels, stopped };
-        let fit = Fit { photos: &photos, request: &request, train_psnr_db };
+        let fit = Fit { excerpts: &excerpts, request: &request, train_psnr_db };
         let confidence = work.confidence(&mut solved, |tick| Ok(confidence::of_pre_shaded(&volume, fit, tick)))?;
-        drop(photos);
 
         let confidence: Vec<&Grid> = confidence.iter().collect();
         work.write(|metadata| shaded::write(&self.output, &volume, &confidence, metadata))?;
@@ -121,11 +126,11 @@ impl Color {
         work.finish(Solver::Color, shaded::EXTINCTION.into(), voxel_size, solved, request.held_out)
     }
 
-    fn request(&self, work: &VolumeTask<'_>, unknowns: &Unknowns, held_out: Vec<usize>) -> Request {
+    fn request(&self, work: &VolumeTask<'_>, placed: &Placed, held_out: Vec<usize>) -> Request {
         let (task, capture) = (&work.task, &work.input.capture);
         Request {
-            lattice: unknowns.lattice,
-            bounds: unknowns.bounds,
+            lattice: placed.lattice,
+            bounds: placed.bounds,
             medium: Medium::absorbing(1.0),
             background: capture.background,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),

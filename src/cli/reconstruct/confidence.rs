@@ -4,14 +4,13 @@ use crate::error::Result;
 use crate::formats::vdb::{CONFIDENCE, shaded};
 use crate::optimise::density::Request;
 use crate::optimise::density::alternatives::Alternatives;
-use crate::optimise::density::confidence::{Group, confidence};
+use crate::optimise::density::confidence::{Group, MeasuredView, confidence};
 use crate::optimise::density::descent::ForwardModel;
-use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::displacement::{self, displacements};
+use crate::optimise::plausibility::excerpt::Excerpt;
 use crate::optimise::plausibility::residuals::Residuals;
 use crate::optimise::pose::colors::Colors;
-use crate::optimise::projection::observation::Photo;
 use crate::optimise::study::subject::Subject;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
@@ -35,8 +34,8 @@ const RANGE_PERCENTILE: usize = 99;
 /// The pictures that a volume was reconstructed from, and how well it explains them.
 #[derive(Debug, Clone, Copy)]
 pub struct Fit<'f> {
-    /// All pictures of the capture; the held-out ones among them have no say in the confidence.
-    pub photos: &'f [Photo],
+    /// Excerpts of all pictures of the capture; the held-out ones among them have no say in the confidence.
+    pub excerpts: &'f [Excerpt],
     /// The reconstruction's request.
     pub request: &'f Request,
     /// PSNR of the training views in dB, peak 1; NaN if it was not measured.
@@ -89,8 +88,8 @@ pub fn of_cameras(field: &Bricks<f32>, fit: Fit<'_>) -> Result<Option<Warning>> 
     let Request { medium, background, bounds, rays_per_edge, cancel, .. } = fit.request;
     let renderer = Dvr::new(field, medium.clone())?.over(*background);
     let (colors, points) = (Colors::of(medium, *background), bounds.inner_corners());
-    let displacements = displacements(&renderer, fit.photos, &colors, &points, *rays_per_edge, *cancel);
-    Ok(if cancel.requested() { None } else { displacement::warning(&displacements, fit.photos) })
+    let displacements = displacements(&renderer, fit.excerpts, &colors, &points, *rays_per_edge, *cancel);
+    Ok(if cancel.requested() { None } else { displacement::warning(&displacements, fit.excerpts) })
 }
 
 /// Measures the confidences of a pre-shaded volume, as a grid beside that of the extinctions and one beside that of the
@@ -118,24 +117,23 @@ impl Fit<'_> {
     where
         I: Differentiable<Real = f32, Voxel: Subject>,
     {
-        let targets = self.targets();
-        let views: Vec<&Target> = targets.iter().collect();
         let warnings = self.residual_warnings(renderer);
+        let Request { held_out, rays_per_edge, .. } = self.request;
+        let training =
+            self.excerpts.iter().enumerate().filter(|(i, _)| !held_out.contains(i)).map(|(_, excerpt)| excerpt);
+        let measured: Vec<_> = training.map(|excerpt| (excerpt.camera, |i: usize| excerpt.is_finite(i))).collect();
+        let views: Vec<MeasuredView<'_>> = measured
+            .iter()
+            .map(|(camera, measured)| MeasuredView { camera: *camera, rays_per_edge: *rays_per_edge, measured })
+            .collect();
         let by_group = confidence(renderer, &views, self.noise(), groups, self.request.cancel, tick);
         (by_group.unwrap_or_default(), warnings)
     }
 
     fn residual_warnings<I: Differentiable<Real = f32>>(self, renderer: &Composited<I>) -> Vec<Warning> {
         let Request { held_out, rays_per_edge, cancel, .. } = self.request;
-        let residuals = Residuals::new(renderer, self.photos, held_out, *rays_per_edge, *cancel);
+        let residuals = Residuals::new(renderer, self.excerpts, held_out, *rays_per_edge, *cancel);
         residuals.map(|r| r.warnings()).unwrap_or_default()
-    }
-
-    /// Returns the training views.
-    fn targets(self) -> Vec<Target> {
-        let rays_per_edge = self.request.rays_per_edge;
-        let training = self.photos.iter().enumerate().filter(|(i, _)| !self.request.held_out.contains(i));
-        training.map(|(_, p)| Target { camera: p.camera, rgba: p.film.rgba.clone(), rays_per_edge }).collect()
     }
 
     /// Returns the standard deviation of a pixel's error; the least where the PSNR was not measured, as after a stop.

@@ -3,8 +3,8 @@
 use super::capture::LoadedCapture;
 use super::confidence::{self, Fit};
 use super::refinement::RefineCameras;
-use super::region::{Region, Unknowns};
-use super::volume::{Measurements, Solved, VolumeTask};
+use super::region::{Placed, Region};
+use super::volume::{Measurements, Pictures, Solved, VolumeTask};
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::outputs::Content;
@@ -21,14 +21,16 @@ use crate::optimise::density::{self, through_transfer, weiss2021};
 use crate::optimise::density::{Outcome, Request, Step};
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
 use crate::optimise::plausibility::Emission;
-use crate::optimise::plausibility::cost::Method;
-use crate::optimise::projection::observation::{Observation, Photo};
+use crate::optimise::plausibility::cost::{Cost, Method};
+use crate::optimise::projection::observation::Observation;
+use crate::optimise::projection::photo::Photo;
+use crate::optimise::projection::transmittances::Channels;
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
 use crate::scene::grid::Grid;
 use crate::scene::medium::Source;
 use crate::scene::transfer::Transfer;
-use rayon::prelude::*;
+use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -121,12 +123,12 @@ impl DensitySolver {
     }
 
     /// Returns the largest number of steps that a run reports, over all levels.
-    fn most_iterations(self, measurements: &Measurements, request: &Request) -> u64 {
-        let training = measurements.photos.len() - request.held_out.len();
+    fn most_iterations(self, observation: &Observation, request: &Request, views: usize) -> u64 {
+        let training = views - request.held_out.len();
         match self {
-            Self::Cg => density::most_iterations(&measurements.observation, request),
+            Self::Cg => density::most_iterations(observation, request),
             Self::Weiss2021 => weiss2021::most_iterations(request, training),
-            Self::ThroughTransfer => through_transfer::most_iterations(&measurements.observation, request, training),
+            Self::ThroughTransfer => through_transfer::most_iterations(observation, request, training),
         }
     }
 
@@ -136,7 +138,7 @@ impl DensitySolver {
         request: &Request,
         watch: impl FnMut(&Step) -> ControlFlow<()>,
     ) -> Result<Outcome> {
-        let Measurements { photos, observation, .. } = measurements;
+        let Pictures { photos, observation, .. } = &measurements.pictures;
         match self {
             Self::Cg => density::reconstruct(observation, request, watch),
             Self::Weiss2021 => weiss2021::reconstruct(photos, observation, request, watch),
@@ -196,7 +198,22 @@ impl Density {
                 "the pictures show scattered light: the densities are those that alpha tells, whatever the colors are",
             );
         }
-        let mut pictures = work.read(Emission::Stated, observe)?;
+        let scattered = work.input.capture.model == Model::Scattering;
+        let channels = channels(&work.input.capture)?;
+        let pixels = work.input.capture.pixels();
+        work.forecast(&self.region, channels, |observation, placed| {
+            let request = self.request(&work, observation, placed, solver, held_out.clone())?;
+            let steps = solver.most_iterations(observation, &request, views);
+            Ok(Cost::new(solver.method(), &placed.survey, &request, pixels, steps))
+        })?;
+        let shown = |photo: Photo| match scattered {
+            true => Photo { film: photo.film.by_alpha(), ..photo },
+            false => photo,
+        };
+        let mut pictures = work.read(Emission::Stated, channels, solver != DensitySolver::Cg, shown)?;
+        if scattered {
+            work.input.capture = explained(&work.input.capture).into_owned();
+        }
         if let Some([least, most]) = pictures.observation.noise() {
             let percent = |noise: f64| format!("{:.2} %", 100.0 * noise);
             let (least, most) = (percent(least), percent(most));
@@ -206,8 +223,8 @@ impl Density {
             ));
         }
         if let Some(path) = cameras {
-            let request = |work: &VolumeTask<'_>, observation: &Observation, unknowns: &Unknowns| {
-                self.request(work, observation, unknowns, solver, Vec::new())
+            let request = |work: &VolumeTask<'_>, observation: &Observation, placed: &Placed| {
+                self.request(work, observation, placed, solver, Vec::new())
             };
             let refined = self.refinement.refine(&mut work, path, &self.region, &mut pictures, request);
             if let Err(code) = ended(refined)? {
@@ -215,9 +232,10 @@ impl Density {
             }
         }
         let measurements = work.measure(&self.region, pictures)?;
-        let request = self.request(&work, &measurements.observation, &measurements.unknowns, solver, held_out);
+        let request =
+            self.request(&work, &measurements.pictures.observation, &measurements.unknowns.placed, solver, held_out);
         let request = request.map_err(|e| e.at(&work.input.json))?;
-        let steps = solver.most_iterations(&measurements, &request);
+        let steps = solver.most_iterations(&measurements.pictures.observation, &request, views);
         work.plan(&measurements, &request, solver.method(), steps)?;
 
         let outcome = work.solve("density", steps, |watch| solver.reconstruct(&measurements, &request, watch));
@@ -227,20 +245,19 @@ impl Density {
                 Err(code) => return Ok(code),
             };
         work.solved(stages);
-        let Measurements { photos, observation, .. } = measurements;
-        drop(observation);
+        let excerpts = measurements.pictures.excerpts;
         // A volume that is not settled yet does not tell about its cameras.
         let finest = history.iter().filter(|step| step.level == 0).count();
         let settled = solver == DensitySolver::Cg && finest >= SETTLED;
         let mut solved = Solved { history, train_psnr_db, held_out_psnr_db, unknowns, stopped };
         let mut grid = field.to_grid(&self.grid);
-        let fit = Fit { photos: &photos, request: &request, train_psnr_db };
+        let fit = Fit { excerpts: &excerpts, request: &request, train_psnr_db };
         let confidence = work.confidence(&mut solved, |tick| {
             let (grids, mut warnings) = confidence::of_densities(&field, &self.grid, fit, tick)?;
             warnings.extend(if settled { confidence::of_cameras(&field, fit)? } else { None });
             Ok((grids, warnings))
         })?;
-        drop((photos, field));
+        drop(field);
 
         if let Some(transfer) = transfer_of(&work.input.capture) {
             grid.metadata.insert(transfer::METADATA_KEY.into(), transfer::to_metadata(transfer));
@@ -264,7 +281,7 @@ impl Density {
     }
 
     fn solver(&self, capture: &Capture) -> Result<DensitySolver> {
-        let source = if capture.model == Model::Scattering { ABSORPTION } else { capture.medium()?.source };
+        let source = explained(capture).medium()?.source;
         let solver = match (self.solver, source) {
             (Choice::Auto | Choice::Cg, Source::Grey(_)) => DensitySolver::Cg,
             (Choice::Cg, _) => {
@@ -286,7 +303,7 @@ impl Density {
         &self,
         work: &VolumeTask<'_>,
         observation: &Observation,
-        unknowns: &Unknowns,
+        placed: &Placed,
         solver: DensitySolver,
         held_out: Vec<usize>,
     ) -> Result<Request> {
@@ -295,9 +312,9 @@ impl Density {
         let init = self.init.as_ref().or(previous);
         let init = init.map(|path| protected::unprotected(path, || volume(path, task.limits))).transpose()?;
         Ok(Request {
-            lattice: unknowns.lattice,
-            bounds: unknowns.bounds,
-            medium: capture.medium()?,
+            lattice: placed.lattice,
+            bounds: placed.bounds,
+            medium: explained(capture).medium()?,
             background: capture.background,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
             smoothing: self.smoothing,
@@ -327,25 +344,25 @@ fn transfer_of(capture: &Capture) -> Option<&Transfer> {
 /// Iterations on the finest level from which on a volume suits its cameras, if they suit one another.
 const SETTLED: usize = 8;
 
-/// Source of a medium that absorbs alone.
-const ABSORPTION: Source = Source::Grey([0.0; 3]);
-
 fn volume(path: &Path, limits: Limits) -> Result<Bricks<f32>> {
     let grid = File::open(path, limits)?.read_fog(None)?;
     Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(path))
 }
 
-/// Takes the optical depths off the pictures. Of a medium that scatters light, alpha takes the place of the colors.
-fn observe(photos: &mut [Photo], capture: &mut Capture) -> Result<Observation> {
+/// Returns the capture whose pictures the densities explain: of a medium that scatters light, alpha takes the place of the
+/// colors.
+fn explained(capture: &Capture) -> Cow<'_, Capture> {
+    if capture.model == Model::Scattering { Cow::Owned(capture.by_alpha()) } else { Cow::Borrowed(capture) }
+}
+
+/// Returns the channels of the pictures that tell the optical depths.
+fn channels(capture: &Capture) -> Result<Channels> {
     if capture.model == Model::Scattering {
-        let observation = Observation::by_alpha(photos)?;
-        *capture = capture.by_alpha();
-        photos.par_iter_mut().for_each(|photo| photo.film = photo.film.by_alpha());
-        return Ok(observation);
+        return Ok(Channels::Alpha);
     }
-    match capture.medium()?.source {
-        Source::Grey(color) => Observation::new(photos, capture.background, color),
+    Ok(match capture.medium()?.source {
+        Source::Grey(source) => Channels::Colors { background: capture.background, source },
         // Where the source varies, colors do not tell the optical depth: alpha does.
-        Source::Linear(_) | Source::Transfer(_) => Observation::by_alpha(photos),
-    }
+        Source::Linear(_) | Source::Transfer(_) => Channels::Alpha,
+    })
 }

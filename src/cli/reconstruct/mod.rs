@@ -4,6 +4,7 @@ mod capture;
 mod color;
 mod confidence;
 mod density;
+mod forecast;
 mod refinement;
 mod region;
 mod stages;

@@ -1,6 +1,6 @@
 //! `--refine-cameras`: cameras that are found together with the volume.
 
-use super::region::{Region, Unknowns};
+use super::region::{Placed, Region};
 use super::volume::{Pictures, VolumeTask};
 use crate::cli::outputs::{self, Content};
 use crate::cli::report::RECORD;
@@ -79,16 +79,15 @@ impl RefineCameras {
         work: &mut VolumeTask<'_>,
         path: PathBuf,
         region: &Region,
-        Pictures { photos, observation }: &mut Pictures,
-        request: impl FnOnce(&VolumeTask<'_>, &Observation, &Unknowns) -> Result<Request>,
+        Pictures { photos, excerpts, observation }: &mut Pictures,
+        request: impl FnOnce(&VolumeTask<'_>, &Observation, &Placed) -> Result<Request>,
     ) -> Result<()> {
         let (json, output) = (work.input.json.clone(), work.output);
         let silhouettes = observation.widen_silhouettes();
         let unknowns = region.choose(&work.input.capture, observation, output).map_err(|e| e.at(&json))?;
-        let request = request(work, observation, &unknowns)?;
-        let (focal, pixels) =
-            (self.refine_cameras == Some(Free::Focal), photos.iter().map(|p| p.film.rgba.len() as u64).sum());
-        Cost::new(Method::Cg, &unknowns.survey, &request, pixels, 0)
+        let request = request(work, observation, &unknowns.placed)?;
+        let (focal, pixels) = (self.refine_cameras == Some(Free::Focal), work.input.capture.pixels());
+        Cost::new(Method::Cg, &unknowns.placed.survey, &request, pixels, 0)
             .fits(request.max_memory)
             .map_err(|e| e.at(&json))?;
 
@@ -101,7 +100,7 @@ impl RefineCameras {
         bar.finish_and_clear();
         let cameras = refined.map_err(|e| e.at(&json))?;
 
-        let given: Vec<Camera> = photos.iter().map(|photo| photo.camera).collect();
+        let given: Vec<Camera> = excerpts.iter().map(|excerpt| excerpt.camera).collect();
         let names = work.input.capture.frames.iter().map(|frame| frame.picture.as_path());
         let points = request.bounds.inner_corners();
         let centre = request.bounds.centre();
@@ -118,8 +117,9 @@ impl RefineCameras {
         let factor = given.first().zip(cameras.first()).map(|(a, b)| b.focal.x / a.focal.x);
         work.refined(RefinedCameras { capture: path, focal_factor: factor.filter(|_| focal), motions }, warnings);
         for (i, camera) in cameras.into_iter().enumerate() {
-            (photos[i].camera, observation.maps[i].camera, work.input.capture.frames[i].camera) =
+            (excerpts[i].camera, observation.maps[i].camera, work.input.capture.frames[i].camera) =
                 (camera, camera, camera);
+            photos.iter_mut().skip(i).take(1).for_each(|photo| photo.camera = camera);
         }
         observation.maps.iter_mut().zip(silhouettes).for_each(|(map, shown)| map.shown = shown);
         Ok(())

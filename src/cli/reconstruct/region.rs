@@ -34,14 +34,23 @@ const HOPELESS: f64 = 400.0;
 /// The unknown voxels of a reconstruction.
 #[derive(Debug)]
 pub(super) struct Unknowns {
+    /// Where they are, and how many.
+    pub placed: Placed,
+    /// Doubts about the region that do not keep the work from beginning.
+    pub warnings: Vec<Warning>,
+}
+
+/// The place of unknown voxels.
+#[derive(Debug)]
+pub(super) struct Placed {
     /// Voxel lattice, index to world.
     pub lattice: Affine,
     /// World box of the unknowns.
     pub bounds: Aabb,
     /// Estimated numbers of voxels and bricks.
     pub survey: Survey,
-    /// Doubts about the region that do not keep the work from beginning.
-    pub warnings: Vec<Warning>,
+    /// Remark on the size of the voxels.
+    note: Option<String>,
 }
 
 impl Unknowns {
@@ -50,7 +59,7 @@ impl Unknowns {
     /// # Errors
     /// Those of [`vdb::writable`].
     pub fn writable(&self, output: &Path) -> Result<()> {
-        vdb::writable(&self.lattice).map_err(|e| {
+        vdb::writable(&self.placed.lattice).map_err(|e| {
             e.at(output).instead(
                 "scale the scene up: multiply the positions in each 'transform_matrix', the lattice and --voxel-size by a \
                  common factor, and divide density_scale by it",
@@ -83,31 +92,12 @@ impl Region {
             Bounds::Given(_) => plausibility::warnings(plausibility::cameras(observation)),
             Bounds::Auto => plausibility::refuse(plausibility::cameras(observation))?,
         };
-        let bounds = match self.bounds {
-            Bounds::Given(bounds) => bounds,
-            Bounds::Auto => Hull::new(observation).bounds()?,
-        };
-        let voxel_size = match (self.voxel_size, self.resolution) {
-            (Some(size), _) => Some(size),
-            (None, Some(count)) => Some(lattice::divided(&bounds, count)?),
-            (None, None) if capture.lattice.is_some() => None,
-            (None, None) => lattice::footprint(&observation.maps, &bounds),
-        };
-        let mut lattice = lattice::choose(capture.lattice, voxel_size)?;
-        let mut survey = Hull::new(observation).survey(&lattice, &bounds)?;
-        let pixels: usize = observation.maps.iter().map(|map| map.depth.len()).sum();
-        let ratio = survey.unknowns / pixels.max(1) as f64;
-        let chosen = self.voxel_size.is_some() || self.resolution.is_some();
-        if let Some(size) = voxel_size.filter(|_| ratio > 1.0 && !chosen && observation.photographs()) {
-            let larger = size * ratio.cbrt();
-            output.note(format!(
-                "voxels of {larger:.4} in place of a pixel's {size:.4}: photographs determine no more unknowns than they \
-                 have pixels"
-            ));
-            lattice = lattice::choose(None, Some(larger))?;
-            survey = Hull::new(observation).survey(&lattice, &bounds)?;
+        let placed = self.place(capture, observation)?;
+        let Placed { lattice, bounds, survey, note } = &placed;
+        if let Some(note) = note {
+            output.note(note);
         }
-        if voxel_size.is_none() && survey.longest < 2.0 {
+        if self.voxel_size.is_none() && self.resolution.is_none() && capture.lattice.is_some() && survey.longest < 2.0 {
             return Err(Error::invalid(format!(
                 "the capture's lattice has voxels of {}, and the region that the pictures show is only {} across",
                 lattice.voxel_size().max_element(),
@@ -115,14 +105,47 @@ impl Region {
             ))
             .hint("correct 'lattice' in transforms.json, or give --voxel-size or --resolution"));
         }
-        warnings.extend(self.check_unknowns(&survey, observation, &bounds)?);
-        Ok(Unknowns { lattice, bounds, survey, warnings })
+        warnings.extend(self.check_unknowns(survey, capture.pixels(), bounds)?);
+        Ok(Unknowns { placed, warnings })
+    }
+
+    /// Places the unknowns by what the observed pictures show, which may be some of the capture's, and estimates their
+    /// numbers.
+    ///
+    /// # Errors
+    /// If the pictures leave nothing, or the lattice is not usable.
+    pub fn place(&self, capture: &Capture, observation: &Observation) -> Result<Placed> {
+        let hull = Hull::new(observation);
+        let bounds = match self.bounds {
+            Bounds::Given(bounds) => bounds,
+            Bounds::Auto => hull.bounds()?,
+        };
+        let chosen = match (self.voxel_size, self.resolution) {
+            (Some(size), _) => Some(size),
+            (None, Some(count)) => Some(lattice::divided(&bounds, count)?),
+            (None, None) => None,
+        };
+        let cameras = capture.frames.iter().map(|frame| &frame.camera);
+        let footprint = || if capture.lattice.is_some() { None } else { lattice::footprint(cameras, &bounds) };
+        let size = chosen.or_else(footprint);
+        let lattice = lattice::choose(capture.lattice, size)?;
+        let survey = hull.survey(&lattice, &bounds)?;
+        let ratio = survey.unknowns / (capture.pixels().max(1)) as f64;
+        let Some(size) = size.filter(|_| ratio > 1.0 && chosen.is_none() && observation.photographs()) else {
+            return Ok(Placed { lattice, bounds, survey, note: None });
+        };
+        let larger = size * ratio.cbrt();
+        let note = format!(
+            "voxels of {larger:.4} in place of a pixel's {size:.4}: photographs determine no more unknowns than they have \
+             pixels"
+        );
+        let lattice = lattice::choose(None, Some(larger))?;
+        Ok(Placed { lattice, bounds, survey: hull.survey(&lattice, &bounds)?, note: Some(note) })
     }
 
     /// Warns of many more unknowns than measurements, and refuses far too many: a damaged camera or a wrong background
     /// leaves them.
-    fn check_unknowns(&self, survey: &Survey, observation: &Observation, bounds: &Aabb) -> Result<Option<Warning>> {
-        let pixels: usize = observation.maps.iter().map(|m| m.depth.len()).sum();
+    fn check_unknowns(&self, survey: &Survey, pixels: u64, bounds: &Aabb) -> Result<Option<Warning>> {
         let ratio = survey.unknowns / pixels.max(1) as f64;
         let what = format!(
             "{pixels} pixels stand against about {:.0} unknown voxels in a region of {:.4} x {:.4} x {:.4}",

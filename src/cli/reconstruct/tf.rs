@@ -7,7 +7,7 @@ use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::outputs::Content;
 use crate::cli::report::transfer::{self as transfer_page, TransferRun, View};
-use crate::cli::task::{Task, ended, exit_code};
+use crate::cli::task::{Captured, Task, ended, exit_code};
 use crate::cli::{parse, photos, report, run};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -16,9 +16,10 @@ use crate::formats::transfer::{self, Options};
 use crate::metrics::error::unit_psnr_db;
 use crate::optimise::density::Stage;
 use crate::optimise::plausibility::cost::Cost;
+use crate::optimise::plausibility::excerpt::Excerpt;
 use crate::optimise::plausibility::residuals::{self, Residuals};
 use crate::optimise::plausibility::{Emission, Warning};
-use crate::optimise::projection::observation::Photo;
+use crate::optimise::projection::photo::Photo;
 use crate::optimise::transfer::{Outcome, Request, Solver, reconstruct};
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::{Quadrature, rules};
@@ -117,7 +118,9 @@ impl Tf {
         let mut clock = StageClock::start();
         let LoadedCapture { json, capture, .. } = self.input(limits)?;
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 3).map_err(|e| e.at(&json))?;
-        let (photos, mut warnings) = task.photos(&json, &capture, Emission::Sought, self.layer.as_deref(), output)?;
+        let captured =
+            Captured { json: &json, capture: &capture, emission: Emission::Sought, layer: self.layer.as_deref() };
+        let (photos, mut warnings) = task.pictures(captured, output, photos::WHOLE, |photo| photo)?;
         let field = self.field(&mut task, output)?;
         let request = self.request(&capture, &field, held_out, &task)?;
         let expected = cost(&request, &field, &photos);
@@ -298,7 +301,8 @@ fn residual_warnings(
     let dvr = Dvr::new(field, Medium::new(request.extinction, source))?
         .quadrature(request.quadrature)
         .over(request.background);
-    let residuals = Residuals::new(&dvr, photos, &request.held_out, request.rays_per_edge, request.cancel);
+    let excerpts = Excerpt::all(photos);
+    let residuals = Residuals::new(&dvr, &excerpts, &request.held_out, request.rays_per_edge, request.cancel);
     Ok(residuals.map(|r| r.warnings()).unwrap_or_default())
 }
 

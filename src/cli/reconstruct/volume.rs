@@ -1,19 +1,22 @@
 //! The reconstruction of voxels: the steps from pictures to report that densities and pre-shaded volumes share.
 
 use super::capture::LoadedCapture;
-use super::region::{Region, Unknowns};
+use super::forecast::Forecast;
+use super::region::{Placed, Region, Unknowns};
 use super::stages::StageClock;
 use crate::cli::output::Output;
 use crate::cli::photos;
 use crate::cli::run::{self, RefinedCameras, Run, Solver};
-use crate::cli::task::Task;
+use crate::cli::task::{Captured, Task};
 use crate::error::Result;
 use crate::optimise::density::{Request, Stage, Step};
 use crate::optimise::plausibility::cost::{Cost, Method};
+use crate::optimise::plausibility::excerpt::Excerpt;
 use crate::optimise::plausibility::residuals;
 use crate::optimise::plausibility::{Emission, Warning};
-use crate::optimise::projection::observation::{Observation, Photo};
-use crate::scene::capture::Capture;
+use crate::optimise::projection::observation::Observation;
+use crate::optimise::projection::photo::Photo;
+use crate::optimise::projection::transmittances::{Channels, Transmittances};
 use crate::scene::grid::{Grid, MetaValue};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -37,22 +40,22 @@ pub(super) struct VolumeTask<'t> {
     refined: Option<RefinedCameras>,
 }
 
-/// Pictures with their optical depths.
+/// Optical depths of pictures, and what else is kept of these.
 #[derive(Debug)]
 pub(super) struct Pictures {
-    /// The pictures, in the order of the capture's frames.
+    /// The pictures, in the order of the capture's frames; none if depths are all that is needed.
     pub photos: Vec<Photo>,
+    /// An excerpt of each picture.
+    pub excerpts: Vec<Excerpt>,
     /// Optical depths of the pictures' pixels.
     pub observation: Observation,
 }
 
-/// Pictures with their optical depths, and the voxels that they are to determine.
+/// Pictures, and the voxels that they are to determine.
 #[derive(Debug)]
 pub(super) struct Measurements {
-    /// The pictures, in the order of the capture's frames.
-    pub photos: Vec<Photo>,
-    /// Optical depths of the pictures' pixels.
-    pub observation: Observation,
+    /// The pictures.
+    pub pictures: Pictures,
     /// Lattice and bounds of the unknown voxels.
     pub unknowns: Unknowns,
 }
@@ -94,21 +97,53 @@ impl<'t> VolumeTask<'t> {
         }
     }
 
-    /// Reads the pictures, and takes their optical depths with `observe`, which may put what the reconstruction is to
-    /// explain in the place of pictures and capture.
+    /// Tells what the reconstruction costs at most, by `cost` of the unknowns and of a few of the pictures, before all are
+    /// read.
+    ///
+    /// # Errors
+    /// If a picture cannot be read.
+    pub fn forecast(
+        &self,
+        region: &Region,
+        channels: Channels,
+        cost: impl FnOnce(&Observation, &Placed) -> Result<Cost>,
+    ) -> Result<()> {
+        let LoadedCapture { json, capture, .. } = &self.input;
+        let forecast = Forecast { capture, layer: self.layer, limits: self.task.limits, channels };
+        forecast.print(region, self.output, cost).map_err(|e| e.at(json))
+    }
+
+    /// Reads the pictures, whose `channels` tell the optical depths, and keeps them whole where `whole` says so. The
+    /// reconstruction is to explain what `shown` makes of a picture.
     ///
     /// # Errors
     /// If the pictures cannot be read or used.
     pub fn read(
         &mut self,
         emission: Emission,
-        observe: impl FnOnce(&mut [Photo], &mut Capture) -> Result<Observation>,
+        channels: Channels,
+        whole: bool,
+        shown: impl Fn(Photo) -> Photo + Sync + Send,
     ) -> Result<Pictures> {
-        let LoadedCapture { json, capture, .. } = &mut self.input;
-        let (mut photos, mut warnings) = self.task.photos(json, capture, emission, self.layer, self.output)?;
+        let LoadedCapture { json, capture, .. } = &self.input;
+        let count = capture.frames.len();
+        let take = |photo: Photo| {
+            let photo = shown(photo);
+            let excerpt = Excerpt::new(&photo, count);
+            (excerpt, Transmittances::new(&photo, channels), whole.then_some(photo))
+        };
+        let captured = Captured { json, capture, emission, layer: self.layer };
+        let bytes = if whole { photos::WHOLE } else { photos::DEPTHS };
+        let (taken, mut warnings) = self.task.pictures(captured, self.output, bytes, take)?;
         self.warnings.append(&mut warnings);
-        let observation = observe(&mut photos, capture).map_err(|e| e.at(json.as_path()))?;
-        Ok(Pictures { photos, observation })
+        let (mut excerpts, mut transmittances, mut photos) = (Vec::new(), Vec::new(), Vec::new());
+        for (excerpt, of_picture, photo) in taken {
+            excerpts.push(excerpt);
+            transmittances.push(of_picture);
+            photos.extend(photo);
+        }
+        let observation = Observation::gather(transmittances, channels).map_err(|e| e.at(json.as_path()))?;
+        Ok(Pictures { photos, excerpts, observation })
     }
 
     /// Ends the stage that read the pictures, and keeps how their cameras moved since, with the warnings about that.
@@ -122,12 +157,12 @@ impl<'t> VolumeTask<'t> {
     ///
     /// # Errors
     /// If the pictures leave no region for the voxels.
-    pub fn measure(&mut self, region: &Region, Pictures { photos, observation }: Pictures) -> Result<Measurements> {
+    pub fn measure(&mut self, region: &Region, pictures: Pictures) -> Result<Measurements> {
         let LoadedCapture { json, capture, .. } = &self.input;
-        let mut unknowns = region.choose(capture, &observation, self.output).map_err(|e| e.at(json))?;
+        let mut unknowns = region.choose(capture, &pictures.observation, self.output).map_err(|e| e.at(json))?;
         self.output.warn(&unknowns.warnings);
         self.warnings.append(&mut unknowns.warnings);
-        Ok(Measurements { photos, observation, unknowns })
+        Ok(Measurements { pictures, unknowns })
     }
 
     /// Ends the stage that read the pictures and begins the work, once memory and VDB are known to hold its result.
@@ -136,8 +171,8 @@ impl<'t> VolumeTask<'t> {
     /// If the unknowns do not fit in memory, or no VDB can hold their lattice.
     pub fn plan(&mut self, measurements: &Measurements, request: &Request, method: Method, steps: u64) -> Result<()> {
         self.clock.end(if self.refined.is_some() { "choose the region" } else { "read pictures" });
-        let pixels = measurements.photos.iter().map(|p| p.film.rgba.len() as u64).sum();
-        let expected = Cost::new(method, &measurements.unknowns.survey, request, pixels, steps);
+        let pixels = self.input.capture.pixels();
+        let expected = Cost::new(method, &measurements.unknowns.placed.survey, request, pixels, steps);
         expected.fits(request.max_memory).map_err(|e| e.at(&self.input.json))?;
         measurements.unknowns.writable(self.vdb)?;
         self.output.note(format!("expected: {expected}"));

@@ -5,7 +5,7 @@ use crate::cli::photos;
 use crate::error::{Kind, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
-use crate::optimise::plausibility::{self, Emission};
+use crate::optimise::plausibility::{self, Emission, PictureFacts};
 use crate::scene::capture::Model;
 use std::path::Path;
 
@@ -26,9 +26,10 @@ pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Res
              reconstruct color` finds the light as emission",
         );
     }
-    match photos::read(&capture, None, limits, &|| {}) {
-        Ok(photos) => {
-            let contradictions = plausibility::warnings(plausibility::pictures(&photos, &capture, Emission::Stated));
+    let facts = |photo| PictureFacts::new(&photo, &capture, Emission::Stated);
+    match photos::each(&capture, None, limits, 0, &|| {}, facts) {
+        Ok(facts) => {
+            let contradictions = plausibility::warnings(plausibility::pictures(&facts, &capture, Emission::Stated));
             contradictions.into_iter().for_each(|warning| findings.warning(warning));
         }
         Err(error) if error.kind() == Kind::Unsupported => {

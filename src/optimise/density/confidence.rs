@@ -16,6 +16,7 @@ use crate::optimise::study::subject::Subject;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Adjoint;
 use crate::render::differentiable::Differentiable;
+use crate::scene::camera::Camera;
 use crate::scene::grid::LEAF_VOXELS;
 use rayon::prelude::*;
 
@@ -25,6 +26,26 @@ const PROBE_VIEWS: usize = 512;
 const PROBES: [usize; 2] = [8, 64];
 const BLOCK: usize = 4;
 
+/// Pixels whose signs are held at once.
+const BATCH: usize = 1 << 24;
+
+/// A view whose pixels determine voxels.
+#[derive(Clone, Copy)]
+pub struct MeasuredView<'v> {
+    /// Camera of the view.
+    pub camera: Camera,
+    /// Rays along each edge of a pixel, whose value is the mean over the square of that number.
+    pub rays_per_edge: usize,
+    /// Tells for a pixel's row-major number whether it has measured anything.
+    pub measured: &'v (dyn Fn(usize) -> bool + Sync),
+}
+
+impl MeasuredView<'_> {
+    fn pixels(&self) -> usize {
+        self.camera.width as usize * self.camera.height as usize
+    }
+}
+
 /// Channels of a voxel that share a confidence, and the standard deviation p of the prior on them.
 pub type Group<'g> = (&'g [usize], f64);
 
@@ -32,7 +53,7 @@ pub type Group<'g> = (&'g [usize], f64);
 /// is the standard deviation of a pixel's error. `tick` is called with the number of probes done and their total.
 pub fn confidence<I>(
     renderer: &Composited<I>,
-    views: &[&Target],
+    views: &[MeasuredView<'_>],
     noise: f64,
     groups: &[Group<'_>],
     cancel: Cancel,
@@ -50,13 +71,23 @@ where
     let linear = |_: &[f32; 4], signs: &[f32; 4]| (0.0, *signs);
     let probes = (PROBE_VIEWS / views.len().max(1)).clamp(PROBES[0], PROBES[1]);
     for probe in 0..probes {
-        let signed: Vec<Target> = views.iter().enumerate().map(|(v, t)| signs(t, v, probe)).collect();
         stored.fill(I::Voxel::default());
-        let mut gradients = Gradients { voxels: Some(&mut stored), cancel, ..Gradients::default() };
-        let signed: Vec<&Target> = signed.iter().collect();
-        pictures::gradient(renderer, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
-        if cancel.requested() {
-            return None;
+        let mut first = 0;
+        while first < views.len() {
+            let mut pixels = 0;
+            let fits = |view: &&MeasuredView<'_>| {
+                pixels += view.pixels();
+                pixels <= BATCH
+            };
+            let end = first + views[first..].iter().take_while(fits).count().max(1);
+            let signed: Vec<Target> = (first..end).into_par_iter().map(|v| signs(&views[v], v, probe)).collect();
+            let signed: Vec<&Target> = signed.iter().collect();
+            let mut gradients = Gradients { voxels: Some(&mut stored), cancel, ..Gradients::default() };
+            pictures::gradient(renderer, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
+            if cancel.requested() {
+                return None;
+            }
+            first = end;
         }
         topology.gather_apron(&stored, &mut owned);
         for (squares, (channels, _)) in squares.iter_mut().zip(groups) {
@@ -87,21 +118,18 @@ fn voxel_confidence(squares: &[f32], neighbours: &Neighbours, voxel: usize, rati
 }
 
 /// Returns a target of random signs in place of colors, for the pixels of this probe; the others are NaN.
-fn signs(target: &Target, view: usize, probe: usize) -> Target {
-    let width = target.camera.width as usize;
+fn signs(view: &MeasuredView<'_>, number: usize, probe: usize) -> Target {
+    let width = view.camera.width as usize;
     let pixel = |i: usize| {
         let turn = (i / width % BLOCK * BLOCK + i % width % BLOCK + 5 * probe) % (BLOCK * BLOCK);
-        if turn != 0 || !target.rgba[i].iter().all(|v| v.is_finite()) {
+        if turn != 0 || !(view.measured)(i) {
             return [f32::NAN; 4];
         }
-        let bits = scrambled(((view << 8 | probe) as u64) << 40 | i as u64);
+        let bits = scrambled(((number << 8 | probe) as u64) << 40 | i as u64);
         [20, 21, 22, 23].map(|bit| if bits >> bit & 1 == 1 { 1.0 } else { -1.0 })
     };
-    Target {
-        camera: target.camera,
-        rgba: (0..target.rgba.len()).map(pixel).collect(),
-        rays_per_edge: target.rays_per_edge,
-    }
+    let rgba = (0..view.pixels()).map(pixel).collect();
+    Target { camera: view.camera, rgba, rays_per_edge: view.rays_per_edge }
 }
 
 /// Hashes 64 bits bijectively; each bit of the result depends on all bits of the argument (Stafford's variant 13 of

@@ -53,8 +53,7 @@ impl ErrorPicture {
         let found = projector.transmittances(voxels, view);
         let idle = view.idle.iter().map(|sample| (sample, 1.0));
         for (sample, transmittance) in view.samples.iter().zip(found).chain(idle) {
-            let [x, y] = sample.position.map(|v| v as usize);
-            values[y * width + x] = sample.transmittance - transmittance;
+            values[sample.pixel as usize] = sample.transmittance - transmittance;
         }
         Self { width, values }
     }

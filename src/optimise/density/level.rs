@@ -10,8 +10,9 @@ use super::{GAIN, MOST_PASSES, NOISY_STEP, PATIENCE, Request, TRIAL};
 use crate::error::{Error, Result};
 use crate::math::Affine;
 use crate::metrics::error::unit_psnr_db;
+use crate::optimise::projection::depth_map::DepthMap;
 use crate::optimise::projection::depths::Depths;
-use crate::optimise::projection::observation::{DepthMap, Observation};
+use crate::optimise::projection::observation::Observation;
 use crate::optimise::projection::projector::{Projector, Sample, View, transmittance};
 use crate::optimise::region::hull::Hull;
 use crate::optimise::region::lattice;
@@ -75,11 +76,11 @@ impl Level {
     ) -> Result<Self> {
         let stride = 1_usize << level;
         let lattice = lattice::coarser(&request.lattice, level)?;
-        let hull = Hull::new(observation).cancel(request.cancel);
         // Solver vectors, the penalty's differences, the field, its accumulators and the way back.
         let per_brick = (LEAF_VOXELS * 10 + BRICK * 4) * size_of::<f32>();
         let limit = (request.max_memory / per_brick as u64) as usize;
-        let (topology, unknown) = hull.unknowns(&lattice, &request.bounds, limit)?;
+        let (topology, unknown) =
+            Hull::new(observation).cancel(request.cancel).unknowns(&lattice, &request.bounds, limit)?;
         let topology = Arc::new(topology);
         // Pixels of coarser levels are means of many already; one ray is as good as their model gets.
         let rays = if level == 0 { request.rays_per_edge } else { 1 };

@@ -9,7 +9,9 @@ use crate::error::{Kind, Result};
 use crate::optimise::density::descent::{Fit, ForwardModel, Progress, Views, absolute, batches, unknowns};
 use crate::optimise::density::{Outcome, Request, Step};
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
-use crate::optimise::projection::observation::{Observation, Photo};
+use crate::optimise::projection::depth_map::DepthMap;
+use crate::optimise::projection::observation::Observation;
+use crate::optimise::projection::photo::Photo;
 use crate::optimise::region::lattice;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
@@ -43,7 +45,8 @@ pub fn reconstruct(
         Source::Transfer(table) => (table.knots()[table.knots().len() - 1], Quadrature::COARSE),
         _ => {
             let longest = request.bounds.size().max_element();
-            let deepest = observation.maps.iter().flat_map(|m| m.depth.iter()).fold(0.0_f32, |a, b| a.max(*b));
+            let deepest = |map: &DepthMap| map.depths().depth.iter().fold(0.0_f32, |a, b| a.max(*b));
+            let deepest = observation.maps.iter().map(deepest).fold(0.0, f32::max);
             (f64::from(deepest) / (0.25 * longest * request.medium.extinction), Quadrature::Exact)
         }
     };

@@ -2,7 +2,8 @@
 
 use super::Finding;
 use crate::math::Ray;
-use crate::optimise::projection::observation::{DepthMap, Observation};
+use crate::optimise::projection::depth_map::DepthMap;
+use crate::optimise::projection::observation::Observation;
 use crate::scene::camera::Projection;
 use glam::{DMat3, DVec2, DVec3};
 
@@ -64,7 +65,7 @@ struct Aim<'a> {
 impl<'a> Aim<'a> {
     fn new(map: &'a DepthMap) -> Option<Self> {
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        for i in (0..map.depth.len()).filter(|i| map.shows(*i)) {
+        for i in (0..map.transmittance.len()).filter(|i| map.shows(*i)) {
             let pixel = DVec2::new((i % map.width) as f64, (i / map.width) as f64);
             (low, high) = (low.min(pixel), high.max(pixel + 1.0));
         }
@@ -201,7 +202,7 @@ fn closest_point(aims: &[Aim<'_>]) -> Option<DVec3> {
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
-    use crate::optimise::projection::observation::Limit;
+    use crate::optimise::projection::depth_map::Limit;
     use crate::scene::camera::Camera;
     use glam::DMat4;
 
@@ -225,12 +226,11 @@ mod tests {
             width: SIDE,
             height: SIDE,
             transmittance: depth.iter().map(|d: &f32| (-d).exp()).collect(),
-            depth,
-            weight: vec![1.0; SIDE * SIDE],
             shown: (0..SIDE * SIDE).map(|i| covered(i % SIDE, i / SIDE)).collect(),
             noise: 0.0,
             limit: Limit::Voxels,
             name: "view".into(),
+            means: None,
         }
     }
 

@@ -40,8 +40,10 @@ pub enum Method {
 /// The program and its libraries.
 const BASE: f64 = 48.0 * MB;
 const MB: f64 = (1_u64 << 20) as f64;
-/// Bytes a pixel: the picture, its optical depth and weight, the samples of the solver, and copies on the way.
+/// Bytes a pixel: the picture, its optical depth and weight, the samples of the solver, and copies on the way; and of
+/// pictures of which only the transmittances are kept, with what of them the rays of the solver need.
 const PIXEL: f64 = 96.0;
+const PIXEL_OF_DEPTHS: f64 = 24.0;
 /// Accumulators of several threads take this much together, or are two.
 const ACCUMULATED: f64 = 256.0 * MB;
 /// Seconds that a voxel takes in an iteration, and a ray for each voxel along its way, on one core.
@@ -81,7 +83,10 @@ impl Cost {
         Self {
             unknowns: (survey.unknowns * f64::from(fields)) as u64,
             measurements: pixels,
-            memory_mb: (BASE + pictures * PIXEL + survey.bricks * brick) / MB,
+            memory_mb: (BASE
+                + pictures * if method == Method::Cg { PIXEL_OF_DEPTHS } else { PIXEL }
+                + survey.bricks * brick)
+                / MB,
             seconds,
         }
     }

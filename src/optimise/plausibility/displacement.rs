@@ -4,11 +4,11 @@
 //! the wrong cameras, so that the step is less than their error; but where all are right there is none.
 
 use super::Warning;
+use super::excerpt::Excerpt;
 use crate::cancel::Cancel;
 use crate::optimise::gradient::camera_jacobian::Rows;
 use crate::optimise::pose::colors::{Colors, linearised};
 use crate::optimise::pose::normal::{Frame, steps};
-use crate::optimise::projection::observation::Photo;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
 use glam::DVec3;
@@ -42,7 +42,7 @@ pub struct Displacement {
 /// it is zero. Pictures are compared at one pixel in so many, tens of thousands in all.
 pub fn displacements<I: Differentiable<Real = f32>>(
     renderer: &Composited<I>,
-    photos: &[Photo],
+    excerpts: &[Excerpt],
     colors: &Colors,
     points: &[DVec3],
     rays_per_edge: usize,
@@ -50,24 +50,29 @@ pub fn displacements<I: Differentiable<Real = f32>>(
 ) -> Vec<Displacement> {
     let centre = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
     let never = AtomicBool::new(false);
-    let enough = (PIXELS / photos.len().max(1)).max(FEWEST);
-    let of_view = |photo: &Photo| {
-        let camera = &photo.camera;
+    let of_view = |excerpt: &Excerpt| {
+        let camera = &excerpt.camera;
         let frame = Frame::new(camera, camera.position().distance(centre).max(f64::MIN_POSITIVE));
         let cancel = cancel.flag().unwrap_or(&never);
         let rows = Rows { renderer, reference: None, camera, rays_per_edge, cancel };
-        // An odd stride does not fall into columns.
-        let normal = linearised(&rows, &frame, &photo.film.rgba, colors, (rows.pixels() / enough).max(1) | 1);
+        let stride = stride(rows.pixels(), excerpts.len());
+        let normal = linearised(&rows, &frame, &|i| excerpt.pixel(i), colors, stride);
         let spectrum = normal.spectrum();
         let (poses, _, predicted) = steps(&[(normal, spectrum)], DAMPING * spectrum.largest(), false);
         let pixels = camera.displacement(&frame.moved(camera, &poses[0], 0.0), points).unwrap_or(0.0);
         Displacement { pixels, explained: predicted / normal.error.max(f64::MIN_POSITIVE) }
     };
-    photos.par_iter().map(of_view).collect()
+    excerpts.par_iter().map(of_view).collect()
+}
+
+/// Returns the stride at which the pixels of one of so many pictures are compared. An odd one does not fall into columns.
+pub(super) fn stride(pixels: usize, pictures: usize) -> usize {
+    let enough = (PIXELS / pictures.max(1)).max(FEWEST);
+    (pixels / enough).max(1) | 1
 }
 
 /// Warns if most pictures are displaced, or some of them are by far.
-pub fn warning(displacements: &[Displacement], photos: &[Photo]) -> Option<Warning> {
+pub fn warning(displacements: &[Displacement], excerpts: &[Excerpt]) -> Option<Warning> {
     let median = |of: fn(&Displacement) -> f64| {
         let mut all: Vec<f64> = displacements.iter().map(of).collect();
         all.sort_by(f64::total_cmp);
@@ -76,8 +81,9 @@ pub fn warning(displacements: &[Displacement], photos: &[Photo]) -> Option<Warni
     let [pixels, explained] = [median(|d| d.pixels), median(|d| d.explained)];
     let all = pixels >= DISPLACED && explained >= EXPLAINED;
     let counts = |d: &Displacement| all || d.pixels >= ONE_DISPLACED && d.explained >= ONE_EXPLAINED;
-    let displaced: Vec<(&Displacement, &Photo)> = displacements.iter().zip(photos).filter(|(d, _)| counts(d)).collect();
-    let (Displacement { pixels: most, .. }, Photo { name, .. }) =
+    let displaced: Vec<(&Displacement, &Excerpt)> =
+        displacements.iter().zip(excerpts).filter(|(d, _)| counts(d)).collect();
+    let (Displacement { pixels: most, .. }, Excerpt { name, .. }) =
         displaced.iter().max_by(|a, b| a.0.pixels.total_cmp(&b.0.pixels))?;
     let what = if all {
         format!(
@@ -88,7 +94,7 @@ pub fn warning(displacements: &[Displacement], photos: &[Photo]) -> Option<Warni
         format!(
             "{} of {} pictures are displaced from what their cameras see of the volume, {name} by {most:.2} pixels",
             displaced.len(),
-            photos.len()
+            excerpts.len()
         )
     };
     let remedy = "the cameras do not suit one another: add --refine-cameras; if they were refined already, look for a \

@@ -8,11 +8,12 @@
 mod cameras;
 pub mod cost;
 pub mod displacement;
+pub mod excerpt;
 mod pictures;
 pub mod residuals;
 
 pub use cameras::cameras;
-pub use pictures::pictures;
+pub use pictures::{PictureFacts, pictures};
 
 use crate::error::Error;
 use serde::{Deserialize, Serialize};

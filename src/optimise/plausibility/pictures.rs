@@ -1,9 +1,8 @@
 //! Contradictions of the pixels with what a capture states, and with each other.
 
 use super::{Emission, Finding};
-use crate::optimise::projection::observation::Photo;
+use crate::optimise::projection::photo::Photo;
 use crate::scene::capture::{Capture, EmissionModel, Model};
-use rayon::prelude::*;
 
 /// Difference of two colors that roundings of half-precision files and denoisers leave, absolute and relative.
 const SAME: [f64; 2] = [0.01, 0.02];
@@ -12,17 +11,73 @@ const TRANSPARENT: f32 = 2e-6;
 /// Radiance beyond which a sample is no light of a picture.
 const BRIGHTEST: f32 = 1e20;
 
+/// What one picture says by itself, for comparison with the capture and with the other pictures.
+#[derive(Debug, Clone)]
+pub struct PictureFacts {
+    name: String,
+    pixels: usize,
+    /// Pixels that are finite.
+    finite: usize,
+    range: Option<Finding>,
+    /// True if alpha says something: it is not 1 everywhere.
+    has_alpha: bool,
+    /// Number of pixels of alpha 0, and the colors of some of them.
+    transparent: usize,
+    behind: Vec<[f32; 3]>,
+    /// Colors of the outermost pixels.
+    border: Vec<[f32; 3]>,
+    emitted: Emitted,
+    /// Pixels of colors that a grey medium cannot have.
+    impossible: usize,
+    /// Samples, those that lie on steps of eight bits, and those of them that are neither black nor bright.
+    steps: [usize; 3],
+}
+
+/// Colors of pixels of alpha 0 that one picture keeps, about.
+const BEHIND: usize = 1 << 16;
+
+impl PictureFacts {
+    /// Gathers them. `emission` tells whether the pictures must show the one that the capture states.
+    pub fn new(photo: &Photo, capture: &Capture, emission: Emission) -> Self {
+        let background = capture.background.map(f64::from);
+        let color = |p: &[f32; 4]| [p[0], p[1], p[2]];
+        let transparent = || finite(photo).filter(|p| p[3].abs() < TRANSPARENT);
+        let count = transparent().count();
+        let (w, h) = (photo.film.width, photo.film.height);
+        let outer = |i: &usize| [0, w - 1].contains(&(i % w)) || [0, h - 1].contains(&(i / w));
+        let outermost = (0..w * h).filter(outer).map(|i| &photo.film.rgba[i]);
+        let is_impossible = |source: [f64; 3], p: &[f32; 4]| {
+            let (off, transmittance) = between(color(p).map(f64::from), source, background);
+            off > 0.1 || !(-0.1..=1.1).contains(&transmittance)
+        };
+        let source = grey(capture).filter(|_| emission == Emission::Stated);
+        Self {
+            name: photo.name.clone(),
+            pixels: photo.film.rgba.len(),
+            finite: finite(photo).count(),
+            range: range(photo),
+            has_alpha: finite(photo).any(|p| p[3] != 1.0),
+            transparent: count,
+            behind: transparent().step_by(count.div_ceil(BEHIND).max(1)).map(color).collect(),
+            border: outermost.filter(|p| p.iter().all(|v| v.is_finite())).map(color).collect(),
+            emitted: Emitted::of(photo, background),
+            impossible: source.map_or(0, |source| finite(photo).filter(|p| is_impossible(source, p)).count()),
+            steps: steps(photo),
+        }
+    }
+}
+
 /// Contradictions of the pictures' pixels with the capture and with each other. `emission` tells whether they must show the
 /// one that the capture states.
-pub fn pictures(photos: &[Photo], capture: &Capture, emission: Emission) -> Vec<Finding> {
-    if let Some(first) = photos.first().filter(|_| photos.iter().all(|p| finite(p).next().is_none())) {
+pub fn pictures(all: &[PictureFacts], capture: &Capture, emission: Emission) -> Vec<Finding> {
+    if let Some(first) = all.first().filter(|_| all.iter().all(|picture| picture.finite == 0)) {
         return vec![Finding::certain(
             Some(&first.name),
             "no pixel of this or any other picture has finite values: all are NaN or infinite",
             "render the views again; `cumulo validate` says which samples are not finite",
         )];
     }
-    let mut findings: Vec<Finding> = photos.par_iter().filter_map(range).collect();
+    let mut findings: Vec<Finding> = all.iter().filter_map(|picture| picture.range.clone()).collect();
     findings.sort_by_key(|f| !f.certain);
     // One picture speaks for all that are alike.
     findings.truncate(1);
@@ -30,13 +85,13 @@ pub fn pictures(photos: &[Photo], capture: &Capture, emission: Emission) -> Vec<
         return findings;
     }
     let source = grey(capture).filter(|_| emission == Emission::Stated);
-    let background = background_color(photos, capture, source);
+    let background = background_color(all, capture, source);
     // What alpha and colors imply rests on the background.
     let sound = background.iter().all(|f| !f.certain);
-    let opacity = source.filter(|_| sound).and_then(|source| opacity(photos, capture, source));
+    let opacity = source.filter(|_| sound).and_then(|source| opacity(all, capture, source));
     findings.extend(background);
     findings.extend(opacity);
-    findings.extend(quantised(photos));
+    findings.extend(quantised(all));
     findings
 }
 
@@ -101,8 +156,8 @@ fn finite(photo: &Photo) -> impl Iterator<Item = &[f32; 4]> {
 }
 
 /// True if the pictures have an alpha that says something.
-fn has_alpha(photos: &[Photo]) -> bool {
-    photos.par_iter().any(|p| finite(p).any(|v| v[3] != 1.0))
+fn has_alpha(all: &[PictureFacts]) -> bool {
+    all.iter().any(|picture| picture.has_alpha)
 }
 
 /// The color on which nine of ten samples agree, if there is one.
@@ -139,15 +194,13 @@ fn grey(capture: &Capture) -> Option<[f64; 3]> {
 }
 
 /// A background other than the color of pixels without opacity, or of the border where there is no alpha.
-fn background_color(photos: &[Photo], capture: &Capture, source: Option<[f64; 3]>) -> Option<Finding> {
+fn background_color(all: &[PictureFacts], capture: &Capture, source: Option<[f64; 3]>) -> Option<Finding> {
     let stated = capture.background.map(f64::from);
-    let pixels: usize = photos.iter().map(|p| p.film.rgba.len()).sum();
-    if has_alpha(photos) {
-        let transparent = |p: &Photo| -> Vec<[f32; 3]> {
-            finite(p).filter(|v| v[3].abs() < TRANSPARENT).map(|v| [v[0], v[1], v[2]]).collect()
-        };
-        let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(transparent).collect();
-        let observed = (100 * samples.len() >= pixels).then(|| common(&mut samples)).flatten()?;
+    let sum = |of: fn(&PictureFacts) -> usize| all.iter().map(of).sum::<usize>();
+    if has_alpha(all) {
+        let mut samples: Vec<[f32; 3]> = all.iter().flat_map(|picture| picture.behind.iter().copied()).collect();
+        let enough = 100 * sum(|picture| picture.transparent) >= sum(|picture| picture.pixels);
+        let observed = enough.then(|| common(&mut samples)).flatten()?;
         return (!same(observed, stated)).then(|| {
             Finding::certain(
                 None,
@@ -164,14 +217,7 @@ fn background_color(photos: &[Photo], capture: &Capture, source: Option<[f64; 3]
             )
         });
     }
-    let border = |p: &Photo| -> Vec<[f32; 3]> {
-        let (w, h) = (p.film.width, p.film.height);
-        let outer = |i: &usize| [0, w - 1].contains(&(i % w)) || [0, h - 1].contains(&(i / w));
-        let finite = |i: &usize| p.film.rgba[*i].iter().all(|v| v.is_finite());
-        let color = |i: usize| [p.film.rgba[i][0], p.film.rgba[i][1], p.film.rgba[i][2]];
-        (0..w * h).filter(outer).filter(finite).map(color).collect()
-    };
-    let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(border).collect();
+    let mut samples: Vec<[f32; 3]> = all.iter().flat_map(|picture| picture.border.iter().copied()).collect();
     let observed = common(&mut samples)?;
     if same(observed, stated) || source.is_some_and(|source| same(observed, source)) {
         return None;
@@ -203,12 +249,12 @@ fn between(color: [f64; 3], source: [f64; 3], background: [f64; 3]) -> (f64, f64
 }
 
 /// Colors of a grey medium are `α c + (1 - α) b`: the emission c that alpha and colors imply against the one stated.
-fn opacity(photos: &[Photo], capture: &Capture, stated: [f64; 3]) -> Option<Finding> {
+fn opacity(pictures: &[PictureFacts], capture: &Capture, stated: [f64; 3]) -> Option<Finding> {
     let background = capture.background.map(f64::from);
-    if !has_alpha(photos) {
-        return impossible_colors(photos, stated, background);
+    if !has_alpha(pictures) {
+        return impossible_colors(pictures, stated, background);
     }
-    let views: Vec<Emitted> = photos.par_iter().map(|photo| Emitted::of(photo, background)).collect();
+    let views: Vec<Emitted> = pictures.iter().map(|picture| picture.emitted).collect();
     let all = views.iter().fold(Emitted::default(), Emitted::plus);
     if all.alpha < 1.0 {
         return None;
@@ -346,15 +392,9 @@ fn varies(views: &[Emitted], most: f64) -> bool {
 }
 
 /// Colors that a grey medium cannot have.
-fn impossible_colors(photos: &[Photo], source: [f64; 3], background: [f64; 3]) -> Option<Finding> {
-    let count = |p: &Photo| {
-        finite(p).fold([0_usize; 2], |[all, outliers], v| {
-            let (off, transmittance) = between([0, 1, 2].map(|c| f64::from(v[c])), source, background);
-            [all + 1, outliers + usize::from(off > 0.1 || !(-0.1..=1.1).contains(&transmittance))]
-        })
-    };
-    let counts: Vec<[usize; 2]> = photos.par_iter().map(count).collect();
-    let [all, outliers] = counts.iter().fold([0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+fn impossible_colors(pictures: &[PictureFacts], source: [f64; 3], background: [f64; 3]) -> Option<Finding> {
+    let sum = |of: fn(&PictureFacts) -> usize| pictures.iter().map(of).sum::<usize>();
+    let (all, outliers) = (sum(|picture| picture.finite), sum(|picture| picture.impossible));
     (4 * outliers > all).then(|| {
         Finding::doubtful(
             None,
@@ -370,19 +410,21 @@ fn impossible_colors(photos: &[Photo], source: [f64; 3], background: [f64; 3]) -
     })
 }
 
+/// Numbers of samples, of those that lie on steps of eight bits, and of those of them that are neither black nor bright.
+fn steps(photo: &Photo) -> [usize; 3] {
+    finite(photo).flat_map(|v| &v[..3]).fold([0_usize; 3], |[all, on, shades], value| {
+        let steps = f64::from(*value) * 255.0;
+        // Half-precision files round by 2⁻¹¹.
+        let off = (steps - steps.round()).abs();
+        let on_step = (0.0..=255.2).contains(&steps) && off <= 1e-3 + steps * 4.9e-4;
+        [all + 1, on + usize::from(on_step), shades + usize::from(on_step && steps > 0.5 && steps < 128.5)]
+    })
+}
+
 /// Samples that all lie on steps of eight bits.
-fn quantised(photos: &[Photo]) -> Option<Finding> {
-    let count = |p: &Photo| {
-        finite(p).flat_map(|v| &v[..3]).fold([0_usize; 3], |[all, on, shades], value| {
-            let steps = f64::from(*value) * 255.0;
-            // Half-precision files round by 2⁻¹¹.
-            let off = (steps - steps.round()).abs();
-            let on_step = (0.0..=255.2).contains(&steps) && off <= 1e-3 + steps * 4.9e-4;
-            [all + 1, on + usize::from(on_step), shades + usize::from(on_step && steps > 0.5 && steps < 128.5)]
-        })
-    };
-    let counts: Vec<[usize; 3]> = photos.par_iter().map(count).collect();
-    let [all, on, shades] = counts.iter().fold([0; 3], |a, b| std::array::from_fn(|k| a[k] + b[k]));
+fn quantised(pictures: &[PictureFacts]) -> Option<Finding> {
+    let [all, on, shades] =
+        pictures.iter().map(|picture| picture.steps).fold([0; 3], |a, b| std::array::from_fn(|k| a[k] + b[k]));
     (on == all && shades >= 64).then(|| {
         Finding::doubtful(
             None,

@@ -6,7 +6,7 @@
 
 use crate::cancel::Cancel;
 use crate::optimise::plausibility::Warning;
-use crate::optimise::projection::observation::Photo;
+use crate::optimise::plausibility::excerpt::Excerpt;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
 use crate::render::pixel;
@@ -15,6 +15,13 @@ use crate::render::tiles::{self, Subpixels};
 /// Views that are looked at, and pairs of neighbouring pixels in each.
 const VIEWS: usize = 16;
 const PAIRS: usize = 2048;
+
+/// Returns the first pixels of the pairs of horizontal neighbours that are looked at in a picture, row by row.
+pub(super) fn pairs(width: usize, height: usize) -> impl Iterator<Item = usize> {
+    let half = width / 2;
+    let step = (half * height).div_ceil(PAIRS).max(1);
+    (0..half * height).step_by(step).map(move |pair| pair / half * width + 2 * (pair % half))
+}
 
 /// Sums over pixels of the views that were used.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -47,17 +54,17 @@ impl Residuals {
     /// where there are none.
     pub fn new<I: Differentiable<Real = f32>>(
         renderer: &Composited<I>,
-        photos: &[Photo],
+        excerpts: &[Excerpt],
         held_out: &[usize],
         rays_per_edge: usize,
         cancel: Cancel,
     ) -> Option<Self> {
-        let used: Vec<&Photo> =
-            photos.iter().enumerate().filter(|(i, _)| !held_out.contains(i)).map(|(_, photo)| photo).collect();
+        let used: Vec<&Excerpt> =
+            excerpts.iter().enumerate().filter(|(i, _)| !held_out.contains(i)).map(|(_, excerpt)| excerpt).collect();
         let step = used.len().div_ceil(VIEWS).max(1);
-        let chosen: Vec<&Photo> = used.into_iter().step_by(step).collect();
+        let chosen: Vec<&Excerpt> = used.into_iter().step_by(step).collect();
         let rays = Subpixels::new(rays_per_edge);
-        let of_view = |tape: &mut I::Scratch, photo: &&Photo| Self::of_view(renderer, photo, rays, cancel, tape);
+        let of_view = |tape: &mut I::Scratch, excerpt: &&Excerpt| Self::of_view(renderer, excerpt, rays, cancel, tape);
         let all = tiles::map(&chosen, cancel.flag(), I::Scratch::default, of_view)?;
         let total = all.into_iter().reduce(Self::plus)?;
         (total.count > 0.0 && !cancel.requested()).then_some(total)
@@ -65,25 +72,22 @@ impl Residuals {
 
     fn of_view<I: Differentiable<Real = f32>>(
         renderer: &Composited<I>,
-        photo: &Photo,
+        excerpt: &Excerpt,
         rays: Subpixels,
         cancel: Cancel,
         tape: &mut I::Scratch,
     ) -> Self {
-        let (w, h) = (photo.film.width, photo.film.height);
-        let mut render_pixel = |x: usize, y: usize| pixel(renderer, &photo.camera, rays, [x, y], tape);
+        let camera = &excerpt.camera;
+        let [w, h] = [camera.width, camera.height].map(|n| n as usize);
+        let mut render_pixel = |x: usize, y: usize| pixel(renderer, camera, rays, [x, y], tape);
         let mut own = Self::default();
-        if w < 2 {
-            return own;
-        }
         let mean = |p: &[f32; 4]| f64::from(p[0] + p[1] + p[2]) / 3.0;
-        let step = ((w / 2 * h).div_ceil(PAIRS)).max(1);
-        for pair in (0..w / 2 * h).step_by(step) {
+        for first in pairs(w, h) {
             if cancel.requested() {
                 break;
             }
-            let (x, y) = (2 * (pair % (w / 2)), pair / (w / 2));
-            let target = [photo.film.rgba[y * w + x], photo.film.rgba[y * w + x + 1]];
+            let (x, y) = (first % w, first / w);
+            let target = [excerpt.pixel(first), excerpt.pixel(first + 1)];
             if target.iter().flatten().any(|v| !v.is_finite()) {
                 continue;
             }

@@ -51,25 +51,26 @@ fn unit(c: usize) -> [f32; 4] {
     std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 })
 }
 
-/// Returns the normal equations of one camera: those of its render against the colors of its picture, row-major, of
-/// which one in `stride` pixels is compared. Colors that are not finite ask for nothing.
+/// Returns the normal equations of one camera: those of its render against the colors of its picture, given by the
+/// row-major number of a pixel, of which one in `stride` is compared. Colors that are not finite ask for nothing.
 pub fn linearised<I: Differentiable<Real = f32>>(
     rows: &Rows<'_, I>,
     frame: &Frame,
-    rgba: &[[f32; 4]],
+    picture: &(dyn Fn(usize) -> [f32; 4] + Sync),
     colors: &Colors,
     stride: usize,
 ) -> Normal {
-    let compared = |i: usize| i.is_multiple_of(stride) && rgba[i][..3].iter().all(|v| v.is_finite());
+    let compared = |i: usize| i.is_multiple_of(stride) && picture(i)[..3].iter().all(|v| v.is_finite());
     let Colors { losses, mix } = colors;
     let sums = rows.fold(compared, losses, |normal: &mut Normal, i, rendered, by| {
         let by: Vec<(Pose, f64)> = by.iter().map(|by| frame.derivative(by)).collect();
+        let target = picture(i);
         for c in 0..3 {
             let row = by
                 .iter()
                 .zip(mix[c])
                 .fold((Pose::zeros(), 0.0), |(pose, focal), (by, share)| (pose + share * by.0, focal + share * by.1));
-            normal.add(&row, f64::from(rgba[i][c]) - rendered[c]);
+            normal.add(&row, f64::from(target[c]) - rendered[c]);
         }
     });
     sums.into_iter().sum()

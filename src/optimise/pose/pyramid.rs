@@ -25,8 +25,8 @@ pub fn pyramid(target: &Target) -> Vec<Target> {
     all
 }
 
-/// A picture of half the size: means over two by two pixels (an odd row or column is left out), with its camera.
-fn halved(target: &Target) -> Target {
+/// Returns a picture of half the size: means over two by two pixels (an odd row or column is left out), with its camera.
+pub fn halved(target: &Target) -> Target {
     let camera = shrunk(&target.camera, 1);
     let (w, from) = (camera.width as usize, target.camera.width as usize);
     let mean = |i: usize| {

@@ -321,7 +321,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
                 rays_per_edge: *rays_per_edge,
                 cancel: self.cancel,
             };
-            let normal = linearised(&rows, &frame, rgba, self.request.colors, 1);
+            let normal = linearised(&rows, &frame, &|i| rgba[i], self.request.colors, 1);
             (normal, normal.spectrum())
         };
         cameras.par_iter().zip(&self.distances).zip(&self.pyramids).map(of).collect()

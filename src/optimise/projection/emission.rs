@@ -7,7 +7,8 @@
 use crate::arch::Arch;
 use crate::cancel::Cancel;
 use crate::optimise::gradient::pictures::{bricks_crossed, partitions};
-use crate::optimise::projection::observation::{Photo, stride_within};
+use crate::optimise::projection::depth_map::stride_within;
+use crate::optimise::projection::photo::Photo;
 use crate::optimise::solver::conjugate::Equations;
 use crate::render::composited::Composited;
 use crate::render::order::morton;

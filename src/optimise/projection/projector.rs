@@ -8,7 +8,7 @@ use crate::arch::Arch;
 use crate::cancel::Cancel;
 use crate::math::Affine;
 use crate::optimise::gradient::pictures::partitions;
-use crate::optimise::projection::observation::DepthMap;
+use crate::optimise::projection::depth_map::DepthMap;
 use crate::render::dvr::{Dvr, Tape};
 use crate::render::order::morton;
 use crate::render::tiles;
@@ -22,8 +22,8 @@ use std::sync::Arc;
 /// One measured pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Image position of the pixel's centre, in pixels.
-    pub position: [f32; 2],
+    /// Number of the pixel, row by row.
+    pub pixel: u32,
     /// Measured transmittance.
     pub transmittance: f32,
     /// Measured optical depth.
@@ -103,12 +103,12 @@ impl Projector {
         let (arch, cancel) = (Arch::default(), self.cancel);
         let view = |(tape, depths): &mut (Tape<f32>, Vec<f64>), map: &&DepthMap| {
             let map = map.reduced(map.stride_within(stride));
-            let pixels = morton(map.width, map.height).filter(|i| map.weight[*i] > 0.0).map(|i| {
-                let (x, y) = (i % map.width, i / map.width);
-                let position = [x as f32 + 0.5, y as f32 + 0.5];
-                let (transmittance, depth, weight) = (map.transmittance[i], map.depth[i], map.weight[i]);
-                Sample { position, transmittance, depth, weight }
-            });
+            let measured = map.depths();
+            let sample = |i: usize| {
+                let (transmittance, depth, weight) = (map.transmittance[i], measured.depth[i], measured.weight[i]);
+                Sample { pixel: i as u32, transmittance, depth, weight }
+            };
+            let pixels = morton(map.width, map.height).map(sample).filter(|sample| sample.weight > 0.0);
             let (samples, mut idle): (Vec<_>, Vec<_>) = pixels.partition(|sample| {
                 if cancel.requested() {
                     return false;
@@ -258,10 +258,10 @@ impl<F: Fn(&Sample, &[f64]) -> (f64, [f64; 2])> pulp::NullaryFnOnce for Run<'_, 
 
     #[inline(always)]
     fn call(mut self) -> [f64; 2] {
-        let share = 1.0 / self.offsets.len() as f64;
+        let (share, width) = (1.0 / self.offsets.len() as f64, self.camera.width);
         let mut sums = [0.0; 2];
         for sample in self.samples {
-            let [x, y] = sample.position.map(f64::from);
+            let [x, y] = [sample.pixel % width, sample.pixel / width].map(|v| f64::from(v) + 0.5);
             for (depth, [u, v]) in self.depths.iter_mut().zip(self.offsets) {
                 let ray = self.camera.ray(x + u, y + v);
                 *depth = self.dvr.trace_with(&ray, self.tape);

@@ -13,7 +13,8 @@ use crate::optimise::density::{self, Request};
 use crate::optimise::gradient::camera_jacobian::Rows;
 use crate::optimise::pose::colors::{Colors, linearised};
 use crate::optimise::pose::normal::{Frame, Normal, Pose, Spectrum, steps};
-use crate::optimise::projection::observation::{DepthMap, Observation};
+use crate::optimise::projection::depth_map::DepthMap;
+use crate::optimise::projection::observation::Observation;
 use crate::optimise::region::lattice;
 use crate::optimise::solver::anderson::Anderson;
 use crate::render::composited::Composited;
@@ -212,9 +213,9 @@ fn normal(
         rays_per_edge: request.rays_per_edge,
         cancel: request.cancel.flag().unwrap_or(&never),
     };
-    let rgba: Vec<[f32; 4]> = map.transmittance.iter().map(|t| [*t; 4]).collect();
     // An odd stride does not fall into columns.
-    linearised(&rows, frame, &rgba, colors, (rgba.len() / PIXELS).max(1) | 1)
+    let stride = (rows.pixels() / PIXELS).max(1) | 1;
+    linearised(&rows, frame, &|i| [map.transmittance[i]; 4], colors, stride)
 }
 
 /// Cameras as one vector: rotation and motion from the given ones, in radians and units of the distance, and the

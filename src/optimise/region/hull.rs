@@ -8,7 +8,8 @@
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine, Ray};
-use crate::optimise::projection::observation::{DepthMap, Observation};
+use crate::optimise::projection::depth_map::DepthMap;
+use crate::optimise::projection::observation::Observation;
 use crate::scene::bricks::Topology;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::grid::LEAF_VOXELS;
@@ -379,7 +380,7 @@ const MOST_BRICKS: f64 = 1e8;
 const OCCUPIED_RAYS: usize = 1024;
 
 fn occupied_rays(map: &DepthMap) -> impl Iterator<Item = Ray> {
-    let pixels: Vec<usize> = (0..map.depth.len()).filter(|i| map.shows(*i)).collect();
+    let pixels: Vec<usize> = (0..map.transmittance.len()).filter(|i| map.shows(*i)).collect();
     let step = pixels.len().div_ceil(OCCUPIED_RAYS).max(1);
     pixels.into_iter().step_by(step).map(|i| map.camera.ray((i % map.width) as f64 + 0.5, (i / map.width) as f64 + 0.5))
 }

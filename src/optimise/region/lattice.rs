@@ -2,8 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
-use crate::optimise::projection::observation::DepthMap;
-use crate::scene::camera::Projection;
+use crate::scene::camera::{Camera, Projection};
 use glam::{DMat3, DMat4, DVec3};
 
 /// A lattice along the axes of `existing` (else the world's) with voxels of edge `voxel_size`; with
@@ -52,13 +51,12 @@ pub fn levels_from(start: Option<&Affine>, lattice: &Affine, bounds: &Aabb, leas
 
 /// World length of a pixel at the centre of the region: the median over all views, by the finer of
 /// the picture's two directions. Voxels much smaller than that cannot be told apart.
-pub fn footprint(maps: &[DepthMap], bounds: &Aabb) -> Option<f64> {
-    let mut sizes: Vec<f64> = maps
-        .iter()
-        .filter_map(|map| {
-            let (_, depth) = map.camera.project(bounds.centre())?;
-            let pixels = map.camera.focal.max_element();
-            Some(match map.camera.projection {
+pub fn footprint<'c>(cameras: impl Iterator<Item = &'c Camera>, bounds: &Aabb) -> Option<f64> {
+    let mut sizes: Vec<f64> = cameras
+        .filter_map(|camera| {
+            let (_, depth) = camera.project(bounds.centre())?;
+            let pixels = camera.focal.max_element();
+            Some(match camera.projection {
                 Projection::Perspective => depth / pixels,
                 Projection::Orthographic => 1.0 / pixels,
             })

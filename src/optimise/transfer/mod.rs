@@ -16,7 +16,7 @@ use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::metrics::error::unit_psnr_db;
 use crate::optimise::density::Stage;
-use crate::optimise::projection::observation::Photo;
+use crate::optimise::projection::photo::Photo;
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::Quadrature;

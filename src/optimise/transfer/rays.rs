@@ -2,7 +2,7 @@
 
 use crate::cancel::Cancel;
 use crate::math::Ray;
-use crate::optimise::projection::observation::Photo;
+use crate::optimise::projection::photo::Photo;
 use crate::render::order::morton;
 
 /// How many to draw.
