@@ -4,13 +4,14 @@ use crate::error::Result;
 use crate::formats::vdb::{CONFIDENCE, shaded};
 use crate::optimise::density::Request;
 use crate::optimise::density::alternatives::Alternatives;
-use crate::optimise::density::confidence::{Group, MeasuredView, confidence};
+use crate::optimise::density::confidence::{Group, MeasuredView, confidence, lower_unresolved};
 use crate::optimise::density::descent::ForwardModel;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::displacement::{self, displacements};
 use crate::optimise::plausibility::excerpt::Excerpt;
 use crate::optimise::plausibility::residuals::Residuals;
 use crate::optimise::pose::colors::Colors;
+use crate::optimise::region::neighbours::Neighbours;
 use crate::optimise::study::subject::Subject;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
@@ -62,6 +63,8 @@ pub fn of_densities(
     if let (Source::Transfer(table), Some(confidence)) = (&request.medium.source, by_group.first_mut()) {
         warnings.extend(shown_alike(Alternatives::new(table).lower(field, confidence, deviation)));
     }
+    let neighbours = Neighbours::new(&field.topology);
+    by_group.iter_mut().for_each(|confidence| lower_unresolved(&field.owned(), &neighbours, confidence, deviation));
     Ok((by_group.iter().map(|confidence| as_grid(field, confidence, name)).collect(), warnings))
 }
 
@@ -100,7 +103,12 @@ pub fn of_pre_shaded(volume: &Bricks<Vec4>, fit: Fit<'_>, tick: impl FnMut(usize
     let emission = (0..3).map(deviation).fold(0.0, f64::max);
     let renderer = Preshaded::new(volume).over(fit.request.background);
     let groups: [Group<'_>; 2] = [(&[3], deviation(3)), (&[0, 1, 2], emission)];
-    let (by_group, warnings) = fit.confidences(&renderer, &groups, tick);
+    let (mut by_group, warnings) = fit.confidences(&renderer, &groups, tick);
+    let (owned, neighbours) = (volume.owned(), Neighbours::new(&volume.topology));
+    for (confidence, (channels, deviation)) in by_group.iter_mut().zip(groups) {
+        let mean = |v: &Vec4| channels.iter().map(|c| v[*c]).sum::<f32>() / channels.len() as f32;
+        lower_unresolved(&owned.iter().map(mean).collect::<Vec<f32>>(), &neighbours, confidence, deviation);
+    }
     let grids = by_group.iter().zip([shaded::EXTINCTION, shaded::EMISSION]);
     (grids.map(|(confidence, name)| as_grid(volume, confidence, name)).collect(), warnings)
 }

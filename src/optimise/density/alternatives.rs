@@ -2,9 +2,11 @@
 //!
 //! Pictures tell emission and extinction, and these tell a density only where the function has them once. On both
 //! flanks of a peak of one color they are the same; and since the densities of a whole region can be mirrored at the peak
-//! without a step at its edge, neighbours do not tell the flanks apart either. How near a voxel's density is known
-//! locally says nothing of that. What looks like density 0, from the outside on, is taken for empty.
+//! without a step at its edge, neighbours do not tell the flanks apart either. On a plateau all densities are the same,
+//! and only those of neighbours, which pictures see in between, change. How near a voxel's density is known locally says
+//! nothing of that. What looks like density 0, from the outside on, is taken for empty.
 
+use crate::optimise::density::confidence::lowered;
 use crate::optimise::density::matching::{sampled, shaded};
 use crate::optimise::region::neighbours::Neighbours;
 use crate::scene::bricks::Bricks;
@@ -12,6 +14,9 @@ use crate::scene::table::Table;
 
 /// Points at which the function is looked at, in addition to its knots.
 const POINTS: usize = 512;
+
+/// Squared difference, in errors of a volume of colors, up to which a part of the function has no slope.
+const LEVEL: f64 = 1e-3;
 
 /// How far from each density another one lies that the function shows alike.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +27,8 @@ pub struct Alternatives {
     squares: Vec<f64>,
     /// Densities from 0 to this one are shown like 0.
     clear: f64,
+    /// Densities from 0 to this one are shown as 0 is, without any slope.
+    level: f64,
 }
 
 impl Alternatives {
@@ -33,12 +40,12 @@ impl Alternatives {
             |i: usize, k: usize| -> f64 { (0..4).map(|c| (unit[c] * (values[i][c] - values[k][c])).powi(2)).sum() };
         let farthest = |i: usize| {
             let branch = |towards: &mut dyn Iterator<Item = usize>| {
-                // What differs ever more is the same branch, which the pictures' derivatives tell: an alternative is
-                // shown more alike again than what lies between.
+                // What differs ever more is the same branch, which the pictures' derivatives tell, but for a plateau,
+                // which has none: an alternative is shown more alike again than what lies between.
                 let mut most = 0.0_f64;
                 let returned = towards.map(|k| (k, apart(i, k))).filter(|(_, square)| {
                     most = most.max(*square);
-                    *square <= most - 1.0
+                    *square <= most - 1.0 || most <= LEVEL
                 });
                 let weighted =
                     returned.map(|(k, square)| (-0.5 * square).exp() * (densities[k] - densities[i]).powi(2));
@@ -47,8 +54,9 @@ impl Alternatives {
             branch(&mut (0..i).rev()).max(branch(&mut (i + 1..densities.len())))
         };
         let squares = (0..densities.len()).map(farthest).collect();
-        let clear = (0..densities.len()).take_while(|k| apart(0, *k) <= 1.0).last().map_or(0.0, |k| densities[k]);
-        Self { densities, squares, clear }
+        let within = |most: f64| (0..densities.len()).take_while(|k| apart(0, *k) <= most).last();
+        let [clear, level] = [1.0, LEVEL].map(|most| within(most).map_or(0.0, |k| densities[k]));
+        Self { densities, squares, clear, level }
     }
 
     /// Returns the squared distance at a density: of the two points around it the larger.
@@ -60,22 +68,23 @@ impl Alternatives {
 
     /// Lowers the confidence of densities (512 a brick) by their alternatives, where `deviation` is that of the prior:
     /// with variance v a confidence is p² / (p² + v), and the alternatives add to the variance. Returns the share of the
-    /// voxels of a confidence above a half that lose it; of those that are empty none does.
+    /// voxels of a confidence above a half that lose it. Those that are empty are not counted among them, and have no
+    /// alternatives but the densities from 0 on that the function does not show either.
     pub fn lower(&self, field: &Bricks<f32>, confidence: &mut [f32], deviation: f64) -> f64 {
         let densities = field.owned();
         let empty = self.empty(&densities, &Neighbours::new(&field.topology));
         let (mut known, mut lost) = (0_usize, 0_usize);
-        for (voxel, confidence) in confidence.iter_mut().enumerate().filter(|(voxel, _)| !empty[*voxel]) {
+        for (voxel, confidence) in confidence.iter_mut().enumerate() {
             let within = *confidence;
-            *confidence = self.confidence(densities[voxel], within, deviation);
+            if empty[voxel] {
+                *confidence = lowered(within, self.level * self.level, deviation);
+                continue;
+            }
+            *confidence = lowered(within, self.square(densities[voxel]), deviation);
             known += usize::from(within > 0.5);
             lost += usize::from(within > 0.5 && *confidence <= 0.5);
         }
         lost as f64 / known.max(1) as f64
-    }
-
-    fn confidence(&self, density: f32, within: f32, deviation: f64) -> f32 {
-        (1.0 / (1.0 / f64::from(within) + self.square(density) / (deviation * deviation))) as f32
     }
 
     /// Marks the voxels that are shown like density 0 and connected through such voxels with the outside.
@@ -123,9 +132,21 @@ mod tests {
         }
         assert!(bump.square(0.4) < 1e-4);
         // Where the other flank lies a tenth away, that counts as much as the prior.
-        let half = bump.confidence(0.35, 1.0, 0.1);
+        let half = lowered(1.0, bump.square(0.35), 0.1);
         assert!((half - 0.5).abs() < 0.06, "{half}");
-        assert_eq!(bump.confidence(0.2, 0.0, 0.1), 0.0);
+        assert_eq!(lowered(0.0, bump.square(0.2), 0.1), 0.0);
+    }
+
+    /// A step of one color tells that a density lies on it, and no more; ramps on both sides do.
+    #[test]
+    fn a_plateau_tells_no_density() {
+        let (red, blue) = ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+        let points = [(0.0, red, 0.0), (0.2, red, 5.0), (0.5, red, 5.0), (0.6, blue, 5.0), (1.0, blue, 9.0)];
+        let step = Alternatives::new(&table(&points));
+        for (density, farthest) in [(0.1, 0.0), (0.25, 0.25), (0.35, 0.15), (0.4, 0.2), (0.55, 0.0), (0.8, 0.0)] {
+            let found = step.square(density).sqrt();
+            assert!((found - farthest).abs() < 0.02, "{density}: {found} {farthest}");
+        }
     }
 
     /// A shell around a clear cavity: the outside is empty, the cavity may be dense.

