@@ -245,7 +245,8 @@ impl Density {
                 Err(code) => return Ok(code),
             };
         work.solved(stages);
-        let excerpts = measurements.pictures.excerpts;
+        let Pictures { excerpts, photos, observation } = measurements.pictures;
+        drop((photos, observation));
         // A volume that is not settled yet does not tell about its cameras.
         let finest = history.iter().filter(|step| step.level == 0).count();
         let settled = solver == DensitySolver::Cg && finest >= SETTLED;

@@ -1,4 +1,4 @@
-//! What a reconstruction costs at most, told by a few of its pictures before all are read.
+//! What a reconstruction costs, told by a few of its pictures before all are read.
 
 use super::region::{Placed, Region};
 use crate::cli::memory::human;
@@ -13,15 +13,17 @@ use crate::optimise::pose::pyramid::halved;
 use crate::optimise::projection::observation::Observation;
 use crate::optimise::projection::photo::Photo;
 use crate::optimise::projection::transmittances::{Channels, Transmittances};
+use crate::ordered;
 use crate::scene::capture::{Capture, Pictures};
 use crate::scene::film::Film;
 use rayon::prelude::*;
 use std::time::Instant;
 
 /// Pixels of a capture from which on reading its pictures takes seconds.
-const MANY: u64 = 1 << 25;
-/// Number of pictures that are looked at, and how often they are halved: the region need not be exact.
-const FEW: usize = 4;
+const MANY: u64 = 1 << 24;
+/// Number of pictures that are looked at (four may bound a region far too large), and how often they are halved: the region
+/// need not be exact.
+const FEW: usize = 8;
 const HALVINGS: usize = 2;
 
 /// The pictures of a capture, of which few are read.
@@ -38,7 +40,7 @@ pub(super) struct Forecast<'c> {
 }
 
 impl Forecast<'_> {
-    /// Prints what the reconstruction costs at most, by `cost` of the unknowns and of a few observed pictures, and warns
+    /// Prints what the reconstruction will cost, by `cost` of the unknowns and of a few observed pictures, and warns
     /// if that may not fit in memory. Captures that are read in a moment have no forecast, and neither have those of
     /// which a few pictures bound no region.
     ///
@@ -56,14 +58,14 @@ impl Forecast<'_> {
         }
         let begun = Instant::now();
         let some: Vec<usize> = (0..FEW).map(|i| (2 * i + 1) * count / (2 * FEW)).collect();
-        let read: Vec<Transmittances> = some.par_iter().map(|i| self.transmittances(*i)).collect::<Result<_>>()?;
+        let read = ordered::try_map(some.par_iter(), |frame| self.transmittances(*frame))?;
         let reading = begun.elapsed().as_secs_f64() * count as f64 / FEW as f64;
         let observed = Observation::gather(read, self.channels);
         let placed = observed.and_then(|observed| Ok((region.place(self.capture, &observed)?, observed)));
         let Ok((placed, observed)) = placed else { return Ok(()) };
         let cost = cost(&observed, &placed)?;
         output.note(format!(
-            "expected by {FEW} of the {count} pictures, at most: {cost}, and {reading:.0} s to read the pictures"
+            "expected by {FEW} of the {count} pictures: {cost}, and {reading:.0} s to read the pictures"
         ));
         if let Err(error) = cost.fits(self.limits.max_memory) {
             let allowed = human(self.limits.max_memory);

@@ -97,7 +97,7 @@ impl<'t> VolumeTask<'t> {
         }
     }
 
-    /// Tells what the reconstruction costs at most, by `cost` of the unknowns and of a few of the pictures, before all are
+    /// Tells what the reconstruction will cost, by `cost` of the unknowns and of a few of the pictures, before all are
     /// read.
     ///
     /// # Errors

@@ -127,7 +127,8 @@ impl Projector {
             });
             idle.retain(|sample| sample.depth != 0.0);
             // What vectors have in reserve is as much again, in all views together.
-            (samples.shrink_to_fit(), idle.shrink_to_fit());
+            samples.shrink_to_fit();
+            idle.shrink_to_fit();
             View { camera: map.camera, samples, idle, noise: map.noise }
         };
         tiles::map(maps, None, || (Tape::default(), vec![0.0; self.offsets.len()]), view).unwrap_or_default()
