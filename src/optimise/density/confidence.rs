@@ -166,3 +166,33 @@ fn scrambled(mut v: u64) -> u64 {
     v = (v ^ (v >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     v ^ (v >> 31)
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+    use crate::scene::bricks::Topology;
+    use glam::IVec3;
+
+    /// A step of the whole range costs the voxels beside it their confidence, and the others keep theirs; beyond the
+    /// bricks lies nothing.
+    #[test]
+    fn what_is_not_resolved_is_not_known() {
+        let neighbours = Neighbours::new(&Topology::new([IVec3::ZERO]).unwrap());
+        let step: Vec<f32> = (0..LEAF_VOXELS).map(|v| if v >> 6 < 4 { 0.0 } else { 1.0 }).collect();
+        let mut confidence = vec![0.9_f32; LEAF_VOXELS];
+        lower_unresolved(&step, &neighbours, &mut confidence, 0.1);
+        // p² / (p² + v): 0.9 is a variance of a ninth of p², to which 0.15² of the step is added.
+        let beside = 1.0 / (1.0 / 0.9 + (0.15_f32 / 0.1).powi(2));
+        for (voxel, confidence) in confidence.into_iter().enumerate() {
+            let [x, y, z] = [voxel >> 6, voxel >> 3 & 7, voxel & 7];
+            let outermost = [x, y, z].iter().any(|at| [0, 7].contains(at)) && step[voxel] > 0.0;
+            let expected = if [3, 4].contains(&x) || outermost { beside } else { 0.9 };
+            assert!((confidence - expected).abs() < 1e-6, "{x} {y} {z}: {confidence} {expected}");
+        }
+        // Without a range there is nothing to be off by.
+        let mut none = vec![0.0; LEAF_VOXELS];
+        lower_unresolved(&vec![0.0; LEAF_VOXELS], &neighbours, &mut none, 0.0);
+        assert!(none.iter().all(|c| *c == 0.0));
+    }
+}
