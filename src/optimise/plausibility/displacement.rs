@@ -4,7 +4,7 @@
 //! the wrong cameras, so that the step is less than their error; but where all are right there is none.
 
 use super::Warning;
-use super::excerpt::Excerpt;
+use super::excerpt::{Excerpt, stride};
 use crate::cancel::Cancel;
 use crate::optimise::gradient::camera_jacobian::Rows;
 use crate::optimise::pose::colors::{Colors, linearised};
@@ -17,9 +17,6 @@ use std::sync::atomic::AtomicBool;
 
 /// Damping of the step, as a share of the largest eigenvalue.
 const DAMPING: f64 = 1e-3;
-/// Pixels that are looked at in all pictures together, about, and in each at least.
-const PIXELS: usize = 1 << 15;
-const FEWEST: usize = 128;
 /// Displacement in pixels, and share of the error that it explains, from which on most pictures count as displaced.
 /// With exact cameras, noise of 5 % or six views leave medians of less than 0.04 pixels.
 const DISPLACED: f64 = 0.1;
@@ -63,12 +60,6 @@ pub fn displacements<I: Differentiable<Real = f32>>(
         Displacement { pixels, explained: predicted / normal.error.max(f64::MIN_POSITIVE) }
     };
     excerpts.par_iter().map(of_view).collect()
-}
-
-/// Returns the stride at which the pixels of one of so many pictures are compared. An odd one does not fall into columns.
-pub(super) fn stride(pixels: usize, pictures: usize) -> usize {
-    let enough = (PIXELS / pictures.max(1)).max(FEWEST);
-    (pixels / enough).max(1) | 1
 }
 
 /// Warns if most pictures are displaced, or some of them are by far.

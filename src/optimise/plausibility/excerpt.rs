@@ -1,9 +1,27 @@
 //! The pixels of a picture that its render is compared with once the volume is known.
 
-use super::{displacement, residuals};
 use crate::optimise::projection::photo::Photo;
 use crate::scene::camera::Camera;
 use std::collections::BTreeSet;
+
+/// Pairs of neighbouring pixels of a picture.
+const PAIRS: usize = 2048;
+/// Pixels at strides in all pictures together, about, and in each at least.
+const PIXELS: usize = 1 << 15;
+const FEWEST: usize = 128;
+
+/// Returns the first pixels of pairs of horizontal neighbours, row by row, some thousand all over the picture.
+pub fn pairs(width: usize, height: usize) -> impl Iterator<Item = usize> {
+    let half = width / 2;
+    let step = (half * height).div_ceil(PAIRS).max(1);
+    (0..half * height).step_by(step).map(move |pair| pair / half * width + 2 * (pair % half))
+}
+
+/// Returns a stride at which the pixels of one of so many pictures are compared. An odd one does not fall into columns.
+pub fn stride(pixels: usize, pictures: usize) -> usize {
+    let enough = (PIXELS / pictures.max(1)).max(FEWEST);
+    (pixels / enough).max(1) | 1
+}
 
 /// Some pixels of a picture, kept when the picture itself is not.
 #[derive(Debug, Clone)]
@@ -21,12 +39,11 @@ pub struct Excerpt {
 }
 
 impl Excerpt {
-    /// Takes the pixels that [`Residuals`](residuals::Residuals) and [`displacements`](displacement::displacements)
-    /// look at, of one of so many pictures.
+    /// Takes the [`pairs`] of neighbours of one of so many pictures, and its pixels at the [`stride`].
     pub fn new(photo: &Photo, pictures: usize) -> Self {
         let Photo { camera, film, name, .. } = photo;
-        let pairs = residuals::pairs(film.width, film.height).flat_map(|first| [first, first + 1]);
-        let strided = (0..film.rgba.len()).step_by(displacement::stride(film.rgba.len(), pictures));
+        let pairs = pairs(film.width, film.height).flat_map(|first| [first, first + 1]);
+        let strided = (0..film.rgba.len()).step_by(stride(film.rgba.len(), pictures));
         let numbers: BTreeSet<usize> = pairs.chain(strided).collect();
         let missing = (0..film.rgba.len()).filter(|i| film.rgba[*i].iter().any(|v| !v.is_finite()));
         Self {

@@ -6,22 +6,14 @@
 
 use crate::cancel::Cancel;
 use crate::optimise::plausibility::Warning;
-use crate::optimise::plausibility::excerpt::Excerpt;
+use crate::optimise::plausibility::excerpt::{Excerpt, pairs};
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
 use crate::render::pixel;
 use crate::render::tiles::{self, Subpixels};
 
-/// Views that are looked at, and pairs of neighbouring pixels in each.
+/// Views that are looked at.
 const VIEWS: usize = 16;
-const PAIRS: usize = 2048;
-
-/// Returns the first pixels of the pairs of horizontal neighbours that are looked at in a picture, row by row.
-pub(super) fn pairs(width: usize, height: usize) -> impl Iterator<Item = usize> {
-    let half = width / 2;
-    let step = (half * height).div_ceil(PAIRS).max(1);
-    (0..half * height).step_by(step).map(move |pair| pair / half * width + 2 * (pair % half))
-}
 
 /// Sums over pixels of the views that were used.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
