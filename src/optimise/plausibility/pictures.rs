@@ -11,7 +11,7 @@ const TRANSPARENT: f32 = 2e-6;
 /// Radiance beyond which a sample is no light of a picture.
 const BRIGHTEST: f32 = 1e20;
 
-/// What one picture says by itself, for comparison with the capture and with the other pictures.
+/// Colors and counts of one picture, which are compared with the capture and with those of other pictures.
 #[derive(Debug, Clone)]
 pub struct PictureFacts {
     name: String,

@@ -44,7 +44,7 @@ pub(super) const NOISY: f64 = 8e-3;
 /// Noise in radiance below which channels count as equally exact, relative to the contrast.
 const EXACT: f64 = 1e-3;
 
-/// What one picture tells by itself, before anything is known of the others.
+/// Transmittances of one picture with its own noise, before anything is known of other pictures.
 #[derive(Debug, Clone)]
 pub struct Transmittances {
     camera: Camera,
