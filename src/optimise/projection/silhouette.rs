@@ -156,7 +156,12 @@ pub fn silhouette(opacity: &Plane<'_>, empty: EmptyPixels) -> Vec<bool> {
             }
         }
     }
-    let found: Vec<f32> = left.iter().map(|v| f32::from(u8::from(!v.is_finite()))).collect();
+    widened(opacity, &left.iter().map(|v| !v.is_finite()).collect::<Vec<_>>())
+}
+
+/// Adds a margin of a few pixels to those that are found in a picture.
+pub fn widened(opacity: &Plane<'_>, found: &[bool]) -> Vec<bool> {
+    let found: Vec<f32> = found.iter().map(|found| f32::from(u8::from(*found))).collect();
     let sums = SummedAreaTable::new(&Plane { values: &found, ..*opacity });
     // The outermost pixels tell whether a picture shows all of the medium: no margin there.
     let (right, bottom) = (opacity.width.saturating_sub(1), opacity.height().saturating_sub(1));

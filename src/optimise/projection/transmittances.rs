@@ -3,7 +3,7 @@
 use super::depth_map::{DepthMap, Limit};
 use super::photo::Photo;
 use super::plane::Plane;
-use super::silhouette::{EmptyPixels, silhouette, without_specks};
+use super::silhouette::{EmptyPixels, silhouette, widened, without_specks};
 use crate::scene::camera::Camera;
 
 /// Channels of a picture that tell the transmittance.
@@ -87,10 +87,7 @@ impl Transmittances {
         let dark = if *photograph { Dark::of(&plane) } else { None };
         let noisy = dark.as_ref().map(|dark| dark.black).or(empty).filter(|empty| empty.deviation > EMPTY);
         let shown = match (&dark, noisy) {
-            (Some(Dark { medians, of_medians, .. }), _) => {
-                let medians = Plane { values: medians, ..plane };
-                Some(without_specks(&medians, &silhouette(&medians, *of_medians), of_medians.mean))
-            }
+            (Some(dark), _) => Some(dark.silhouette(&plane)),
             (None, Some(pixels)) => Some(silhouette(&plane, pixels)),
             (None, None) => None,
         };
@@ -225,11 +222,67 @@ struct Dark {
     of_medians: EmptyPixels,
 }
 
+/// Opacity, and standard deviations of the background, that a pixel must have to be shown by itself: medians do not show
+/// what is thinner than three.
+const STRONG: f64 = 0.02;
+const STRONG_DEVIATIONS: f64 = 20.0;
+
 impl Dark {
+    /// Returns true for each pixel of a photograph that shows something: by its medians, which noise and coding hardly
+    /// change, and where something is thin and strong, by its pixels.
+    fn silhouette(&self, opacity: &Plane<'_>) -> Vec<bool> {
+        let Self { black, medians, of_medians } = self;
+        let medians = Plane { values: medians, ..*opacity };
+        let smooth = without_specks(&medians, &silhouette(&medians, *of_medians), of_medians.mean);
+        let bounded = opacity.bounded();
+        let pixels = Plane { values: &bounded, ..*opacity };
+        let least = (black.mean + STRONG.max(STRONG_DEVIATIONS * black.deviation)) as f32;
+        let strong: Vec<bool> = bounded.iter().map(|v| *v > least).collect();
+        let thin = widened(&pixels, &without_specks(&pixels, &strong, black.mean));
+        smooth.into_iter().zip(thin).map(|(smooth, thin)| smooth || thin).collect()
+    }
+
     fn of(opacity: &Plane<'_>) -> Option<Self> {
         let black = EmptyPixels::of_border(opacity)?;
         let medians = opacity.medians();
         let of_medians = EmptyPixels::of_border(&Plane { values: &medians, ..*opacity })?;
         Some(Self { black, medians, of_medians })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::camera::Projection;
+    use crate::scene::film::Film;
+    use glam::{DMat4, DVec2};
+
+    /// Medians of 5 × 5 pixels do not show a line of two pixels; a speck as bright as noise is none of the medium.
+    #[test]
+    fn photographs_show_what_is_thin() {
+        const SIDE: usize = 64;
+        let level = |i: usize| [0.0, 0.0, 0.0003, 0.0, 0.0006][i * 7919 % 5];
+        let value = |i: usize| {
+            let (x, y) = (i % SIDE, i / SIDE);
+            let disk = (1.0 - ((x as f32 - 24.0).powi(2) + (y as f32 - 32.0).powi(2)) / 200.0).max(0.0);
+            let line = if (48..50).contains(&x) && (12..52).contains(&y) { 0.1 } else { 0.0 };
+            let speck = if (56..58).contains(&x) && (4..6).contains(&y) { 0.002 } else { 0.0 };
+            level(i) + disk + line + speck
+        };
+        let rgba = (0..SIDE * SIDE).map(|i| [value(i), value(i), value(i), 1.0]).collect();
+        let camera = Camera {
+            camera_to_world: DMat4::IDENTITY,
+            projection: Projection::Perspective,
+            focal: DVec2::splat(SIDE as f64),
+            centre: DVec2::splat(0.5 * SIDE as f64),
+            width: SIDE as u32,
+            height: SIDE as u32,
+            near: 0.0,
+        };
+        let photo = Photo { camera, film: Film::of(SIDE, SIDE, rgba), name: "view".into(), photograph: true };
+        let channels = Channels::Colors { background: [0.0; 3], source: [1.0; 3] };
+        let shown = Transmittances::new(&photo, channels).shown.unwrap_or_default();
+        assert!((12..52).all(|y| shown[y * SIDE + 48] && shown[y * SIDE + 49]));
+        assert!(shown[32 * SIDE + 24] && !shown[4 * SIDE + 56] && !shown[32 * SIDE + 60]);
     }
 }
