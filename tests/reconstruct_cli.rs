@@ -55,7 +55,7 @@ fn the_plume_comes_back_where_it_was() {
 }
 
 /// Of pictures only transmittances are kept, and a few of them tell what all will cost before they are read. Measured: a
-/// peak of 407 MB, two thirds of which the confidence takes (whole pictures took 855 MB), and a ratio of 0.96.
+/// peak of 407 MB, two thirds of which the confidence takes, where whole pictures took 1196 MB, and a ratio of 0.96.
 #[test]
 fn many_pixels_cost_little_memory() {
     let work = Work::new();

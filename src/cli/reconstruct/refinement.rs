@@ -87,9 +87,9 @@ impl RefineCameras {
         let unknowns = region.choose(&work.input.capture, observation, output).map_err(|e| e.at(&json))?;
         let request = request(work, observation, &unknowns.placed)?;
         let (focal, pixels) = (self.refine_cameras == Some(Free::Focal), work.input.capture.pixels());
-        Cost::new(Method::Cg, &unknowns.placed.survey, &request, pixels, 0)
-            .fits(request.max_memory)
-            .map_err(|e| e.at(&json))?;
+        let mut cost = Cost::new(Method::Cg, &unknowns.placed.survey, &request, pixels, 0);
+        cost.memory_mb += COPIES * pixels as f64 / f64::from(1 << 20);
+        cost.fits(request.max_memory).map_err(|e| e.at(&json))?;
 
         let bar = output.progress(refinement::most_rounds(&request), "cameras");
         let refined = refinement::refine(observation, &request, focal, |round| {
@@ -125,6 +125,9 @@ impl RefineCameras {
         Ok(())
     }
 }
+
+/// Bytes a pixel of the pictures with moved cameras, and of the silhouettes as they were.
+const COPIES: f64 = 8.0;
 
 /// Warns of cameras that moved much farther than the others.
 fn far(motions: &[CameraMotion]) -> Vec<Warning> {

@@ -229,7 +229,7 @@ const STRONG_DEVIATIONS: f64 = 20.0;
 
 impl Dark {
     /// Returns true for each pixel of a photograph that shows something: by its medians, which noise and coding hardly
-    /// change, and where something is thin and strong, by its pixels.
+    /// change, and where something is thin and strong, by its pixels; and for each that is not finite.
     fn silhouette(&self, opacity: &Plane<'_>) -> Vec<bool> {
         let Self { black, medians, of_medians } = self;
         let medians = Plane { values: medians, ..*opacity };
@@ -239,7 +239,8 @@ impl Dark {
         let least = (black.mean + STRONG.max(STRONG_DEVIATIONS * black.deviation)) as f32;
         let strong: Vec<bool> = bounded.iter().map(|v| *v > least).collect();
         let thin = widened(&pixels, &without_specks(&pixels, &strong, black.mean));
-        smooth.into_iter().zip(thin).map(|(smooth, thin)| smooth || thin).collect()
+        let shown = smooth.into_iter().zip(thin).zip(opacity.values);
+        shown.map(|((smooth, thin), value)| smooth || thin || !value.is_finite()).collect()
     }
 
     fn of(opacity: &Plane<'_>) -> Option<Self> {
@@ -267,7 +268,8 @@ mod tests {
             let disk = (1.0 - ((x as f32 - 24.0).powi(2) + (y as f32 - 32.0).powi(2)) / 200.0).max(0.0);
             let line = if (48..50).contains(&x) && (12..52).contains(&y) { 0.1 } else { 0.0 };
             let speck = if (56..58).contains(&x) && (4..6).contains(&y) { 0.002 } else { 0.0 };
-            level(i) + disk + line + speck
+            let hole = if i == 60 * SIDE + 60 { f32::NAN } else { 0.0 };
+            level(i) + disk + line + speck + hole
         };
         let rgba = (0..SIDE * SIDE).map(|i| [value(i), value(i), value(i), 1.0]).collect();
         let camera = Camera {
@@ -283,6 +285,7 @@ mod tests {
         let channels = Channels::Colors { background: [0.0; 3], source: [1.0; 3] };
         let shown = Transmittances::new(&photo, channels).shown.unwrap_or_default();
         assert!((12..52).all(|y| shown[y * SIDE + 48] && shown[y * SIDE + 49]));
+        assert!(shown[60 * SIDE + 60], "a pixel that says nothing is not empty");
         assert!(shown[32 * SIDE + 24] && !shown[4 * SIDE + 56] && !shown[32 * SIDE + 60]);
     }
 }
