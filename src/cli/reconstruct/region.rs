@@ -106,6 +106,7 @@ impl Region {
             .hint("correct 'lattice' in transforms.json, or give --voxel-size or --resolution"));
         }
         warnings.extend(self.check_unknowns(survey, capture.pixels(), bounds)?);
+        warnings.extend(plausibility::left_out(observation, bounds));
         Ok(Unknowns { placed, warnings })
     }
 

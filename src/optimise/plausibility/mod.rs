@@ -9,10 +9,12 @@ mod cameras;
 pub mod cost;
 pub mod displacement;
 pub mod excerpt;
+mod left_out;
 mod pictures;
 pub mod residuals;
 
 pub use cameras::cameras;
+pub use left_out::left_out;
 pub use pictures::{PictureFacts, pictures};
 
 use crate::error::Error;
