@@ -353,7 +353,7 @@ def viewpoints():
     subjects = {name: subject(name) for name in ("head", "c60")} | {"plume": (plume, None), "plume, peaks": (plume, subject("c60")[1])}
     for name, (volume, function) in subjects.items():
         seen = ["--tf", function] if function else []
-        options = [*seen, "--density-scale", "auto", "--size", "128x128", "--samples", 256, "-o", OUT / "best.json", "--quiet"]
+        options = [*seen, "--density-scale", "auto", "--size", "128x128", "--samples", 256, "-o", OUT / "best.json", "--overwrite", "--quiet"]
         found = cumulo("viewpoint", volume, *options)
         best, sampled = found["entropy"], found["sampled_best_entropy"]
         cost = found["equivalent_renders"] / 256

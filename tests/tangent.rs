@@ -16,7 +16,7 @@ use cumulo::scene::camera::{Camera, CameraGradient, Projection};
 use cumulo::scene::medium::{Medium, Source};
 use cumulo::scene::table::TableGradient;
 use cumulo::scene::transfer::Transfer;
-use fields::{cloud, field, kinds, noise, rays, unit};
+use fields::{assert_same, cloud, field, kinds, noise, rays, unit};
 use glam::{DVec2, DVec3};
 use std::sync::Arc;
 
@@ -134,11 +134,17 @@ fn seeds<'s, R: Real, const P: usize>(steps: &'s [Step<R>]) -> Seeds<'s, R, P> {
 
 /// `⟨J v, w⟩` and `⟨v, Jᵀ w⟩` of one ray, and what rounding is relative to: the sum of the magnitudes that
 /// either is added up from.
-fn both<R: Directions<2>>(dvr: &Composited<Dvr<'_, R>>, ray: &Ray, number: u64, steps: &[Step<R>]) -> [[f64; 3]; 2] {
+fn both<R: Directions<2>>(
+    (dvr, rule): (&Composited<Dvr<'_, R>>, Quadrature),
+    ray: &Ray,
+    number: u64,
+    steps: &[Step<R>],
+) -> [[f64; 3]; 2] {
     let w: [f64; 4] = std::array::from_fn(|c| signed(1000 + 4 * number + c as u64));
     let mut tape = Tape::default();
     let pushed = dvr.jvp::<2>(ray, &seeds(steps), &mut tape);
-    assert_eq!(pushed.pixel(), dvr.pixel(ray), "the tangent's value is the value");
+    // The value of the tangent is the value.
+    assert_same(rule, pushed.pixel(), dvr.pixel(ray));
     let first = &steps[0];
     let mut voxels = first.voxels.as_ref().map(|v| vec![R::ZERO; v.len()]);
     let mut table = first.table.as_ref().map(|t| TableGradient::of_knots(t.steps.len()));
@@ -186,7 +192,7 @@ fn the_identity_holds<R: Directions<2>>(fields: &[Bricks<R>], relative: f64) {
                     let steps = [3, 70_001].map(|seed| step(kind, f, &medium, seed));
                     let (mut off, mut sizes) = (0.0, 0.0);
                     for (i, ray) in rays.iter().enumerate() {
-                        for [left, right, size] in both(&dvr, ray, i as u64, &steps) {
+                        for [left, right, size] in both((&dvr, rule), ray, i as u64, &steps) {
                             off += (left - right).abs();
                             sizes += size;
                         }

@@ -15,7 +15,7 @@ use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
 use cumulo::scene::table::{Table, TableGradient};
 use cumulo::scene::transfer::Transfer;
-use fields::{cloud, field, kinds, lumps, noise, odd, rays, unit};
+use fields::{assert_same, cloud, field, kinds, lumps, noise, odd, rays, unit};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -336,6 +336,12 @@ impl Draw {
         Self { field, narrow, medium, rays, seed }
     }
 
+    /// True if the function has a step.
+    fn steps(&self) -> bool {
+        let Source::Transfer(table) = &self.medium.source else { unreachable!() };
+        table.knots().windows(2).any(|knots| knots[0] == knots[1])
+    }
+
     /// Radiance that errors of red, green and blue are measured by; the alpha's are absolute.
     fn brightest(&self) -> f64 {
         let Source::Transfer(table) = &self.medium.source else { unreachable!() };
@@ -408,8 +414,12 @@ fn stated_errors_hold_for_random_functions_of_random_fields() {
             }
             for (rule, step, phase) in [(Quadrature::Midpoint(0.3), 0.3, 0.5), (Quadrature::Riemann(0.6), 0.6, 0.0)] {
                 let seen = dvr(&draw.field, draw.medium.clone(), rule).pixel(ray).rgba();
-                let error = off(seen, plain_steps(&draw, ray, step, phase));
+                let plain = plain_steps(&draw, ray, step, phase);
+                let error = off(seen, plain);
                 assert!(error < 1e-9, "draw {}, {rule}: {error:.1e}", draw.seed);
+                let error = off(single(rule), plain);
+                // A sample beside a step of the function may end on its other side.
+                assert!(error < 4e-5 || draw.steps(), "draw {}, {rule} in f32: {error:.1e}", draw.seed);
             }
         }
     }
@@ -661,7 +671,8 @@ fn the_jacobian_by_table_holds_the_gradients_of_all_channels() {
             let mut expected: [TableGradient; 4] = std::array::from_fn(|_| TableGradient::zeros(table));
             for (weight, ray) in (1..).map(|k| 0.5 * f64::from(k)).zip(&rays) {
                 let seen = dvr.table_jacobian(ray, weight, &mut jacobian, &mut tape);
-                assert_eq!(seen, dvr.pixel(ray), "its value is the value");
+                // The value of the Jacobian is the value.
+                assert_same(rule, seen, dvr.pixel(ray));
                 for (channel, table) in expected.iter_mut().enumerate() {
                     let mut only = [0.0; 4];
                     only[channel] = weight;

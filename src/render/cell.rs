@@ -87,6 +87,20 @@ pub fn scatter<R: Real>(values: &mut [R], offset: usize, g: R, w: &[R::Lanes; 2]
     }
 }
 
+/// Returns the interpolated values at four points, from the offsets of their cells' lowest corners and their cell-local
+/// coordinates.
+#[inline(always)]
+pub fn interpolated<R: Real>(values: &[R], offset: [u32; LANES], [x, y, z]: [R::Lanes; 3]) -> R::Lanes {
+    let along = x.store();
+    let column = |i: usize| {
+        let [near, far] = corners(values, offset[i] as usize);
+        near + R::Lanes::splat(along[i]) * (far - near)
+    };
+    let [a, b, c, d] = R::Lanes::transpose([column(0), column(1), column(2), column(3)]);
+    let (low, high) = (a + z * (b - a), c + z * (d - c));
+    low + y * (high - low)
+}
+
 /// Returns the trilinear weights at cell-local coordinates `m`, each from 0 to 1.
 #[inline(always)]
 pub fn weights<R: Real>(m: [R; 3]) -> [R::Lanes; 2] {

@@ -4,6 +4,8 @@
 use cumulo::math::{Affine, Ray};
 use cumulo::real::Lanes;
 use cumulo::real::Real;
+use cumulo::render::composited::Pixel;
+use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use cumulo::scene::transfer::{Lobe, Transfer};
@@ -135,4 +137,17 @@ pub fn rays(field_bounds: cumulo::math::Aabb, count: u64, seed: u64) -> Vec<Ray>
             Ray { origin: centre + from, direction: (target - centre - from).normalize() }
         })
         .collect()
+}
+
+/// Fails unless two ways to a pixel give the same bits; of the rules with a step, which add up samples in another order
+/// where values alone are wanted, numbers that rounding tells apart.
+#[allow(dead_code, reason = "not every test program compares pixels")]
+pub fn assert_same<R: Real>(rule: Quadrature, seen: Pixel<R>, expected: Pixel<R>) {
+    if !matches!(rule, Quadrature::Midpoint(_) | Quadrature::Riemann(_)) {
+        assert_eq!(seen, expected, "{rule}");
+        return;
+    }
+    let close = |a: f64, b: f64| (a - b).abs() <= 64.0 * R::EPSILON.f64() * b.abs().max(1.0);
+    let rgba = seen.rgba().into_iter().zip(expected.rgba()).all(|(a, b)| close(a.f64(), b.f64()));
+    assert!(rgba && close(seen.depth, expected.depth), "{rule}: {seen:?} is not {expected:?}");
 }

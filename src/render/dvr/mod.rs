@@ -15,6 +15,7 @@ mod jacobian;
 mod jump;
 mod preintegrated;
 mod ray;
+mod sampled;
 mod segment_derivatives;
 mod shade;
 mod stepped;
@@ -47,11 +48,12 @@ use crate::scene::medium::{Medium, Source};
 use absorption::{OpticalDepth, grey};
 use blend::Blend;
 use preintegrated::Preintegrated;
+use sampled::Sampled;
 use std::sync::{Arc, OnceLock};
 
 /// Extinction and source as functions of the density, with `C` channels.
 #[derive(Debug, Clone)]
-struct CompiledCurve<R, const C: usize> {
+struct CompiledCurve<R: Real, const C: usize> {
     curve: Curve<R, C>,
     /// Red, green and blue of each channel of the curve.
     tint: [[f64; 3]; C],
@@ -60,13 +62,10 @@ struct CompiledCurve<R, const C: usize> {
     bright: f64,
 }
 
-impl<R, const C: usize> CompiledCurve<R, C> {
+impl<R: Real, const C: usize> CompiledCurve<R, C> {
     /// Returns the piece of the curve at a density, and the extinction there.
     #[inline(always)]
-    fn at(&self, density: R) -> (&Piece<R, C>, R)
-    where
-        R: Real,
-    {
+    fn at(&self, density: R) -> (&Piece<R, C>, R) {
         let piece = self.curve.piece(self.curve.find(density));
         (piece, piece.extinction[0] + piece.extinction[1] * (density - piece.base))
     }
@@ -448,7 +447,7 @@ impl<'a, R: Real> Dvr<'a, R> {
             Quadrature::Midpoint(step) => (step, 0.5),
             Quadrature::Riemann(step) => (step, 0.0),
         };
-        Some(Uniform { step: step * self.voxel, phase, enter: ray.enter, leave: ray.leave })
+        Some(Uniform::new(step * self.voxel, phase, ray))
     }
 
     #[inline(always)]
@@ -474,12 +473,20 @@ impl<'a, R: Real> Dvr<'a, R> {
         match &self.compiled {
             CompiledMedium::Line(compiled) => self.blended(&ray, compiled, tape),
             CompiledMedium::Table(compiled, tables) => {
+                if let Some(rule) = self.uniform(&ray) {
+                    return self.sampled(&compiled.curve).radiance(&ray, rule, &mut tape.batch);
+                }
                 let scratch = &mut tape.preintegrated;
                 let preintegrated =
                     tables.as_ref().and_then(|tables| tables.radiance(self, &compiled.curve, &ray, scratch));
                 preintegrated.unwrap_or_else(|| self.blended(&ray, compiled, tape))
             }
         }
+    }
+
+    #[inline(always)]
+    fn sampled<'s>(&'s self, curve: &'s Curve<R, 3>) -> Sampled<'s, R> {
+        Sampled { topology: &self.visible, values: &self.field.values, curve, depth_limit: self.depth_limit }
     }
 
     #[inline(always)]

@@ -3,6 +3,7 @@
 use super::Dvr;
 use super::blend::Entry;
 use super::preintegrated::Scratch;
+use super::sampled::SampleBatch;
 use crate::real::Real;
 use crate::render::cell::Quartet;
 use crate::render::march::Span;
@@ -26,6 +27,7 @@ pub struct Tape<R: Real> {
     pub(super) sample_entries: Vec<Entry<R, Sample<R>>>,
     pub(super) chord_entries: Vec<Entry<R, Chord<R>>>,
     pub(super) preintegrated: Scratch<R>,
+    pub(super) batch: Box<SampleBatch<R>>,
     /// Derivatives of one channel with respect to a transfer function.
     pub(super) by_table: TableGradient,
 }

@@ -4,8 +4,9 @@ use super::{DepthRule, Rule};
 use crate::real::{LANES, Lanes, Real};
 use crate::render::cell::{Quartet, corners, gather, low, offsets, weights};
 use crate::render::curve::Curve;
-use crate::render::march::Span;
+use crate::render::march::{IndexRay, Span};
 use crate::render::segment::Sample;
+use std::ops::Range;
 
 /// Steps of constant world length from the ray's entry into the field's box.
 #[derive(Debug, Clone, Copy)]
@@ -13,21 +14,30 @@ pub struct Uniform {
     /// World length of a step.
     pub step: f64,
     /// Position of the sample within its step: 0 at the start, 0.5 in the middle.
-    pub phase: f64,
+    phase: f64,
     /// World length from the ray's origin at which the first step begins.
-    pub enter: f64,
+    enter: f64,
     /// World length from the ray's origin at which the last step is cut.
-    pub leave: f64,
+    leave: f64,
+    /// Number of the last step.
+    pub last: u64,
+    /// Steps per world length.
+    per_length: f64,
 }
 
 impl Uniform {
-    fn steps(&self) -> u64 {
-        ((self.leave - self.enter) / self.step).ceil().max(1.0) as u64
+    /// Creates the steps of a ray: their world length, and the position of the sample within its step, 0 at the start,
+    /// 0.5 in the middle.
+    #[inline(always)]
+    pub fn new(step: f64, phase: f64, ray: &IndexRay) -> Self {
+        let IndexRay { enter, leave, .. } = *ray;
+        let last = ((leave - enter) / step).ceil().max(1.0) as u64 - 1;
+        Self { step, phase, enter, leave, last, per_length: 1.0 / step }
     }
 
     /// Returns sample position and length of step `k`; the last step is cut at the exit.
     #[inline(always)]
-    fn step(&self, k: u64) -> (f64, f64) {
+    pub fn step(&self, k: u64) -> (f64, f64) {
         let begin = self.enter + k as f64 * self.step;
         let length = self.step.min(self.leave - begin);
         (begin + self.phase * length, length)
@@ -36,9 +46,15 @@ impl Uniform {
     /// Returns the number of steps whose sample lies before `t`.
     #[inline(always)]
     fn before(&self, t: f64) -> u64 {
-        let last = self.steps() - 1;
-        let whole = ((t - self.enter) / self.step - self.phase).ceil().max(0.0) as u64;
-        if whole < last { whole } else { last + u64::from(self.step(last).0 < t) }
+        let whole = ((t - self.enter) * self.per_length - self.phase).ceil().max(0.0) as u64;
+        if whole < self.last { whole } else { self.last + u64::from(self.step(self.last).0 < t) }
+    }
+
+    /// Returns the numbers of the steps whose samples lie on a span. Spans are half open: each sample belongs to exactly
+    /// one.
+    #[inline(always)]
+    pub fn on<R: Real>(&self, span: &Span<R>) -> Range<u64> {
+        self.before(span.start)..self.before(span.end)
     }
 
     /// Visits the samples on spans: number of the step and world length from the ray's origin to its sample, offset of
@@ -47,8 +63,7 @@ impl Uniform {
     fn samples<R: Real>(&self, spans: &[Span<R>], mut visit: impl FnMut((u64, f64), usize, R, [R; 3])) {
         for span in spans {
             let [dx, dy, dz] = span.direction;
-            // Half-open spans: each sample belongs to exactly one.
-            for k in self.before(span.start)..self.before(span.end) {
+            for k in self.on(span) {
                 let (position, length) = self.step(k);
                 let t = R::of(position - span.start);
                 let p = [span.entry[0] + t * dx, span.entry[1] + t * dy, span.entry[2] + t * dz];
@@ -77,7 +92,7 @@ impl<R: Real, const C: usize> Rule<R, C> for Uniform {
     #[inline(always)]
     fn vjp(&self, sample: &Sample<R>, by_length: f64, by_position: f64) -> [f64; 3] {
         let number = sample.number as f64;
-        if sample.number + 1 < self.steps() {
+        if sample.number < self.last {
             return [by_position, 0.0, (number + self.phase) * by_position + by_length];
         }
         let begin = (1.0 - self.phase) * by_position - by_length;
@@ -88,7 +103,7 @@ impl<R: Real, const C: usize> Rule<R, C> for Uniform {
     fn jvp(&self, sample: &Sample<R>, [enter, leave, step]: [f64; 3]) -> [f64; 2] {
         let number = sample.number as f64;
         let begin = enter + number * step;
-        let length = if sample.number + 1 < self.steps() { step } else { leave - begin };
+        let length = if sample.number < self.last { step } else { leave - begin };
         [length, begin + self.phase * length]
     }
 }

@@ -204,7 +204,7 @@ fn at_ends<R: Real>(v: &Ends<R>, n: usize) -> R::Lanes {
 
 /// Returns `e^{-x}`, A and B.
 #[inline(always)]
-fn shares<R: Real>(depth: R) -> [R; 3] {
+pub fn shares<R: Real>(depth: R) -> [R; 3] {
     let transmittance = depth.exp_neg();
     let ends = R::of(0.5) * (R::ONE + transmittance);
     let thin = depth * depth * powers(depth);

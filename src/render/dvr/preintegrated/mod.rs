@@ -26,6 +26,7 @@ use crate::render::march::IndexRay;
 use crate::scene::bricks::{BRICK, Bricks, CELLS, Topology};
 use crate::scene::table::Table;
 use batch::SegmentBatch;
+pub(super) use batch::shares;
 use bound::Deviation;
 use front::Front;
 use nodes::{Divided, Nodes, Queue, Sites, Spacing, nodes, roughness};

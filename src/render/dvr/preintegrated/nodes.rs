@@ -5,7 +5,7 @@
 use super::batch::{ROOM as SEGMENTS, WIDE};
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
-use crate::render::cell::{corners, low, offsets, placed, scatter};
+use crate::render::cell::{corners, interpolated, low, offsets, placed, scatter};
 use crate::render::march::{IndexRay, Span, spans};
 use crate::render::segment::slopes;
 use crate::scene::bricks::{BRICK, CELLS, EDGE, Topology, slot};
@@ -26,15 +26,7 @@ impl<R: Real> Nodes<R> {
     /// Returns the densities at the nodes.
     #[inline(always)]
     pub fn densities(&self, values: &[R]) -> R::Lanes {
-        let [x, y, z] = self.at;
-        let along = x.store();
-        let column = |i: usize| {
-            let [near, far] = corners(values, self.offset[i] as usize);
-            near + R::Lanes::splat(along[i]) * (far - near)
-        };
-        let [a, b, c, d] = R::Lanes::transpose([column(0), column(1), column(2), column(3)]);
-        let (low, high) = (a + z * (b - a), c + z * (d - c));
-        low + y * (high - low)
+        interpolated(values, self.offset, self.at)
     }
 
     /// Returns the derivatives of the densities with respect to index coordinates.
