@@ -36,6 +36,7 @@ const KNOWN: &[(&str, &str)] = &[
     ("grey riemann, 4 rays", "d30e428c7c84d657"),
     ("function", "c263925ddd896e57"),
     ("function preintegrated", "a47fc1000172755f"),
+    ("function midpoint", "32d8cab6cbb5c484"),
     ("pre-shaded", "6e5f0fd6f23fb0cb"),
     ("by density", "e733d11ec254ccad"),
     ("by density, linear", "92b7ff23758a4cf5"),
@@ -127,6 +128,7 @@ fn what_commands_write_has_the_bits_that_it_had() {
         ("grey riemann, 4 rays", format!("@plume.vdb {size} {emission} --quadrature riemann:0.7 --supersample 2")),
         ("function", format!("@plume.vdb {size} --tf f.tf.json --quadrature exact")),
         ("function preintegrated", format!("@plume.vdb {size} --tf f.tf.json --background 0.1,0.2,0.3")),
+        ("function midpoint", format!("@plume.vdb {size} --tf f.tf.json --quadrature midpoint:0.7")),
         ("pre-shaded", "shaded.vdb --views 3 --size 40x30 --model pre-shaded --background 0.3,0.1,0.2".to_owned()),
     ] {
         let folder = name.replace([' ', ','], "_");

@@ -96,7 +96,9 @@ struct Line<R: Real> {
 
 impl<R: Real> Line<R> {
     fn new(piece: &Piece<R, 3>) -> Self {
-        let of = |i: usize| R::Lanes::load([piece.source[0][i], piece.source[1][i], piece.source[2][i], piece.extinction[i]]);
+        let of = |i: usize| {
+            R::Lanes::load([piece.source[0][i], piece.source[1][i], piece.source[2][i], piece.extinction[i]])
+        };
         Self { value: of(0), slope: of(1), base: piece.base }
     }
 
@@ -142,7 +144,14 @@ impl<R: Real> Curve<R, 1> {
             upper: R::ZERO,
             jumps: [false; 2],
         };
-        Self { pieces: vec![piece], lines: Vec::new(), buckets: vec![0], first: R::ZERO, buckets_per_density: R::ZERO, regular: false }
+        Self {
+            pieces: vec![piece],
+            lines: Vec::new(),
+            buckets: vec![0],
+            first: R::ZERO,
+            buckets_per_density: R::ZERO,
+            regular: false,
+        }
     }
 }
 
