@@ -37,8 +37,8 @@ FIGURES = [
     ("minutes", "time, min", ".1f"),
     ("megabytes", "memory, MB", ".0f"),
 ]
-# The plot: the works of B1, each with its color.
-SERIES = {"256³, 512², bump": "#c2410c", "256³, 512², ramp": "#1d4ed8", "256³, 512², thin": "#15803d"}
+# The plot: the settings of B1, each with its color.
+SERIES = {"preintegrated": "#c2410c", "preintegrated:0.1": "#b45309", "exact": "#7e22ce", "midpoint:0.5": "#1d4ed8", "midpoint:1": "#15803d"}
 
 
 def noted():
@@ -104,7 +104,7 @@ def page(document, measured=(), machine=None):
     ]
     if measured:
         lines.append(f"- **measured** figures were taken by `make bench` on the date given. Machine: {machine}.")
-    lines += ["", "![Accuracy against time of a picture through a transfer function](accuracy.svg)"]
+    lines += ["", "![Accuracy and time of pictures through transfer functions beside those of VTK](accuracy.svg)"]
     for group in merged(document, measured):
         lines += ["", f"## {group['title']}"]
         lines += [group["about"], ""] if group["about"] else [""]
@@ -114,17 +114,27 @@ def page(document, measured=(), machine=None):
     return "\n".join(lines) + "\n"
 
 
-def plot(document, measured=()):
-    """The rows of B1 as SVG: accuracy over the time of a picture, a logarithmic axis."""
-    rows = next((g["rows"] for g in merged(document, measured) if g["id"] == "B1"), [])
-    width, height, left, right, top, bottom = 720, 400, 60, 150, 40, 52
-    times, levels = [r["milliseconds"] for r in rows], [r["picture_db"] for r in rows]
-    low, high = math.log(min(times) / 1.15), math.log(max(times) * 1.15)
-    floor, roof = 10 * math.floor(min(levels) / 10), 10 * math.ceil(max(levels) / 10)
+def beside_peer(rows):
+    """The rows of Cumulo in B1 as (setting, time over the peer's, decibels above the peer's)."""
+    peers = {row["work"]: row for row in rows if row["program"] != "Cumulo"}
+    for row in rows:
+        peer = peers.get(row["work"])
+        if peer and row["program"] == "Cumulo":
+            yield row["setting"], row["milliseconds"] / peer["milliseconds"], row["picture_db"] - peer["picture_db"]
 
-    def at(row):
-        x = left + (math.log(row["milliseconds"]) - low) / (high - low) * (width - left - right)
-        return x, height - bottom - (row["picture_db"] - floor) / (roof - floor) * (height - top - bottom)
+
+def plot(document, measured=()):
+    """B1 as SVG: decibels above the peer's over the time relative to the peer's, a logarithmic axis."""
+    rows = next((g["rows"] for g in merged(document, measured) if g["id"] == "B1"), [])
+    points = list(beside_peer(rows))
+    width, height, left, right, top, bottom = 720, 420, 60, 160, 40, 52
+    times, levels = [1.0, *(p[1] for p in points)], [0.0, *(p[2] for p in points)]
+    low, high = math.log(min(times) / 1.3), math.log(max(times) * 1.3)
+    floor, roof = 20 * math.floor(min(levels) / 20), 20 * math.ceil(max(levels) / 20)
+
+    def at(time, level):
+        x = left + (math.log(time) - low) / (high - low) * (width - left - right)
+        return x, height - bottom - (level - floor) / (roof - floor) * (height - top - bottom)
 
     def text(x, y, words, more=""):
         return f'<text x="{x:.1f}" y="{y:.1f}" {more}>{html.escape(words)}</text>'
@@ -133,31 +143,26 @@ def plot(document, measured=()):
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
         'font-family="sans-serif" font-size="12" fill="#1f2328">',
         f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
-        text(left, 22, "Accuracy and time of a picture: 256³ voxels, 512² pixels, two threads", 'font-size="14"'),
+        text(left, 22, "Pictures through transfer functions beside VTK: 20 cases, 512² pixels", 'font-size="14"'),
     ]
-    for level in range(floor, roof + 1, 10):
-        y = at({"milliseconds": times[0], "picture_db": level})[1]
-        parts.append(f'<line x1="{left}" x2="{width - right}" y1="{y:.1f}" y2="{y:.1f}" stroke="#d8dee4"/>')
+    for level in range(floor, roof + 1, 20):
+        y = at(1.0, level)[1]
+        color = "#57606a" if level == 0 else "#d8dee4"
+        parts.append(f'<line x1="{left}" x2="{width - right}" y1="{y:.1f}" y2="{y:.1f}" stroke="{color}"/>')
         parts.append(text(left - 8, y + 4, str(level), 'text-anchor="end"'))
-    for tick in (10, 20, 50, 100, 200, 500, 1000, 2000):
+    for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200):
         if low <= math.log(tick) <= high:
-            x = at({"milliseconds": tick, "picture_db": floor})[0]
-            parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{top}" y2="{height - bottom}" stroke="#d8dee4"/>')
-            parts.append(text(x, height - bottom + 18, str(tick), 'text-anchor="middle"'))
-    parts.append(text((left + width - right) / 2, height - 12, "time of a picture, ms", 'text-anchor="middle"'))
-    parts.append(text(-(top + height - bottom) / 2, 18, "PSNR against the exact integral, dB", 'text-anchor="middle" transform="rotate(-90)"'))
-    for line, (work, color) in enumerate(SERIES.items()):
-        name = work.rsplit(" ", 1)[-1]
-        own = sorted((at(r) for r in rows if r["work"] == work and r["program"] == "Cumulo"))
-        if own:
-            points = " ".join(f"{x:.1f},{y:.1f}" for x, y in own)
-            parts.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2"/>')
-        parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{color}"/>' for x, y in own]
-        for x, y in (at(r) for r in rows if r["work"] == work and r["program"] != "Cumulo"):
-            parts.append(f'<rect x="{x - 4:.1f}" y="{y - 4:.1f}" width="8" height="8" fill="none" stroke="{color}" stroke-width="2"/>')
-        x, y = width - right + 14, top + 14 + 40 * line
-        parts.append(f'<circle cx="{x}" cy="{y - 4}" r="4" fill="{color}"/>' + text(x + 12, y, f"Cumulo, {name}"))
-        parts.append(f'<rect x="{x - 4}" y="{y + 8}" width="8" height="8" fill="none" stroke="{color}" stroke-width="2"/>' + text(x + 12, y + 16, f"VTK, {name}"))
+            x = at(tick, 0)[0]
+            color = "#57606a" if tick == 1 else "#d8dee4"
+            parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{top}" y2="{height - bottom}" stroke="{color}"/>')
+            parts.append(text(x, height - bottom + 18, f"{tick:g}", 'text-anchor="middle"'))
+    parts.append(text((left + width - right) / 2, height - 12, "processor time over that of VTK at its best", 'text-anchor="middle"'))
+    parts.append(text(-(top + height - bottom) / 2, 18, "decibels above VTK's", 'text-anchor="middle" transform="rotate(-90)"'))
+    for line, (setting, color) in enumerate(SERIES.items()):
+        own = [at(time, level) for name, time, level in points if name == setting]
+        parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{color}" fill-opacity="0.8"/>' for x, y in own]
+        x, y = width - right + 14, top + 14 + 22 * line
+        parts.append(f'<circle cx="{x}" cy="{y - 4}" r="4" fill="{color}"/>' + text(x + 12, y, setting))
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 

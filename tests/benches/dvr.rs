@@ -20,7 +20,6 @@ use glam::{DVec2, DVec3};
 use rayon::ThreadPoolBuilder;
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::path::Path;
 use std::sync::Arc;
@@ -30,13 +29,13 @@ use std::sync::atomic::AtomicBool;
 pub const PICTURES: &str = "--pictures";
 pub const GRADIENT: &str = "--gradient";
 
-/// Camera directions around the volume.
-const FRAMES: usize = 8;
-/// Tolerances that are tried, from what pictures have unless they ask for another, each with the transmittance at which
-/// rays end: it leaves out less than the tolerance does.
-const TOLERANCES: [(f64, f64); 5] = [(3e-3, 1e-6), (1e-2, 1e-6), (3e-2, 1e-5), (1e-1, 1e-4), (3e-1, 1e-3)];
+/// Rules that are tried.
+const RULES: [&str; 5] = ["preintegrated", "preintegrated:0.1", "exact", "midpoint:0.5", "midpoint:1"];
+/// Pictures of each rule, of which the middle time counts, and seconds after which no further one is begun.
+const PICTURES_EACH: usize = 3;
+const ENOUGH: f64 = 4.0;
 /// Of so many pixels in a row, and of so many rows, one is compared with the exact integral.
-const STRIDE: u32 = 4;
+const STRIDE: u32 = 8;
 
 fn volume(path: &Path) -> Bricks<f32> {
     let grid = File::open(path, Limits::default()).unwrap().read("density").unwrap().to_grid().unwrap();
@@ -58,83 +57,101 @@ fn camera(edge: f64, centre: DVec3, turn: f64, pixels: u32, field_of_view: f64) 
     }
 }
 
-/// 256 knots over 0..1 with these extinctions; the colors of all the functions here.
-fn function(extinction: impl Fn(f64) -> f64) -> Arc<Table> {
-    let knots: Vec<f64> = (0..256).map(|i| f64::from(i) / 255.0).collect();
+/// A function with these knots and extinctions, and the colors of all the functions here.
+fn function(knots: Vec<f64>, extinction: impl Fn(f64) -> f64) -> Arc<Table> {
     let value = |x: &f64| [*x, 0.5 + 0.5 * (6.0 * x).sin(), 1.0 - x, extinction(*x)];
     let values = knots.iter().map(value).collect();
     Arc::new(Table::new(knots, values).unwrap())
+}
+
+/// 256 knots over 0..1.
+fn even() -> Vec<f64> {
+    (0..256).map(|i| f64::from(i) / 255.0).collect()
 }
 
 fn bump(x: f64, low: f64, high: f64) -> f64 {
     low * (-((x - 0.25) / 0.08).powi(2)).exp() + high * (-((x - 0.7) / 0.1).powi(2)).exp()
 }
 
+/// Knots and opacities of `bone`.
+const BONE: [[f64; 2]; 6] = [[0.0, 0.0], [0.15, 0.0], [0.25, 0.03], [0.45, 0.03], [0.55, 0.53], [1.0, 0.53]];
+
+fn bone(x: f64) -> f64 {
+    let after = BONE.iter().position(|[knot, _]| x <= *knot).unwrap_or(BONE.len() - 1).max(1);
+    let [[low, from], [high, to]] = [BONE[after - 1], BONE[after]];
+    from + (to - from) * (x - low) / (high - low)
+}
+
 /// A function's name with its opacities over one voxel's edge.
 type Opacity = (&'static str, fn(f64) -> f64);
-const OPACITIES: [Opacity; 3] =
-    [("bump", |x| bump(x, 0.25, 0.5)), ("ramp", |x| 0.25 * x), ("thin", |x| 0.0005 + 0.005 * x)];
+const OPACITIES: [Opacity; 4] =
+    [("bump", |x| bump(x, 0.25, 0.5)), ("ramp", |x| 0.25 * x), ("thin", |x| 0.0005 + 0.005 * x), ("bone", bone)];
 
 fn rgb(rgba: [f64; 4]) -> DVec3 {
     DVec3::new(rgba[0], rgba[1], rgba[2])
 }
 
-/// Light of every pixel that is compared, so many rows lower.
-fn compared<R: Precision>(dvr: &Composited<Dvr<'_, R>>, camera: &Camera, lower: f64) -> Vec<DVec3> {
+/// Light of every pixel that is compared, so many rows lower and columns to the right.
+fn compared<R: Precision>(dvr: &Composited<Dvr<'_, R>>, camera: &Camera, [lower, right]: [f64; 2]) -> Vec<DVec3> {
     let pixels: Vec<(u32, u32)> = (0..camera.height / STRIDE)
         .flat_map(|y| (0..camera.width / STRIDE).map(move |x| (STRIDE * x, STRIDE * y)))
         .collect();
     let see = |(x, y): &(u32, u32)| {
-        let rgba = dvr.pixel(&camera.ray(f64::from(*x) + 0.5, f64::from(*y) + 0.5 + lower)).rgba();
+        let rgba = dvr.pixel(&camera.ray(f64::from(*x) + 0.5 + right, f64::from(*y) + 0.5 + lower)).rgba();
         rgb(rgba.map(Real::f64))
     };
     pixels.par_iter().map(see).collect()
 }
 
-/// A volume whose box ends at its outermost voxels, in the precision asked for.
-fn boxed<R: Real>(field: &Bricks<f32>, voxels: f64) -> Bricks<R> {
+/// A volume whose box ends at its outermost voxels, of which there are so many, in the precision asked for.
+fn boxed<R: Real>(field: &Bricks<f32>, voxels: DVec3) -> Bricks<R> {
     let boxed = Bricks {
         topology: field.topology.clone(),
         values: field.values.iter().map(|v| R::of(f64::from(*v))).collect(),
         transform: field.transform,
-        domain: Aabb { min: DVec3::ZERO, max: DVec3::splat(voxels - 1.0) },
+        domain: Aabb { min: DVec3::ZERO, max: voxels - 1.0 },
     };
     boxed.filled(u64::MAX).unwrap()
 }
 
-/// Seconds a frame and decibels against the exact integral, by function and rule; `volume` has unit voxels. The
-/// folder gets the light of the first frame's compared pixels, `light_NAME.f64`: `[shift, row, column, rgb]`, half a
-/// row higher, there, and half a row lower: the other side's rays may go elsewhere through a pixel.
-pub fn pictures(path: &Path, threads: usize, folder: &Path) {
-    const VOXELS: f64 = 256.0;
+/// Seconds of processor time, of all threads, that this process has used.
+fn processor_seconds() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
+}
+
+/// Processor seconds of a picture, decibels and the largest error against the exact integral, by function and rule; the
+/// volume has so many voxels, which are units. The folder gets the light of the compared pixels, `light_NAME.f64`:
+/// `[row shift, column shift, row, column, rgb]`, at shifts of half a pixel each way: the other side's rays may go
+/// elsewhere through a pixel.
+pub fn pictures(path: &Path, threads: usize, folder: &Path, voxels: DVec3) {
     let field = volume(path);
-    let (fast, exact) = (boxed::<f32>(&field, VOXELS), boxed::<f64>(&field, VOXELS));
+    let (fast, exact) = (boxed::<f32>(&field, voxels), boxed::<f64>(&field, voxels));
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    let middle = DVec3::splat(0.5 * (VOXELS - 1.0));
-    let turn = |frame: usize| TAU * frame as f64 / FRAMES as f64 + 0.3;
-    let cameras: Vec<Camera> = (0..FRAMES).map(|f| camera(VOXELS, middle, turn(f), 512, 30.0)).collect();
+    let camera = camera(voxels.max_element(), 0.5 * (voxels - 1.0), 0.3, 512, 30.0);
     let cancel = AtomicBool::new(false);
     let by_function = OPACITIES.map(|(name, opacity)| {
-        let medium = Medium::new(1.0, Source::Transfer(function(|x| -(-opacity(x)).ln_1p())));
+        let knots = if name == "bone" { BONE.map(|[knot, _]| knot).to_vec() } else { even() };
+        let medium = Medium::new(1.0, Source::Transfer(function(knots, |x| -(-opacity(x)).ln_1p())));
         let whole = Dvr::new(&exact, medium.clone()).unwrap().early_stop(0.0).over([0.0; 3]);
-        let exact = compared(&whole, &cameras[0], 0.0);
-        let fine = whole.with(|dvr| dvr.quadrature(Quadrature::Preintegrated(1e-3)));
-        let light = [-0.5, 0.0, 0.5].into_iter().flat_map(|lower| compared(&fine, &cameras[0], lower));
-        let bytes: Vec<u8> = light.flat_map(|v| v.to_array()).flat_map(f64::to_le_bytes).collect();
+        let shifts = (0..9).map(|k| [f64::from(k / 3 - 1), f64::from(k % 3 - 1)].map(|shift| 0.5 * shift));
+        let light: Vec<Vec<DVec3>> = shifts.map(|shift| compared(&whole, &camera, shift)).collect();
+        let bytes: Vec<u8> = light.iter().flatten().flat_map(|v| v.to_array()).flat_map(f64::to_le_bytes).collect();
         std::fs::write(folder.join(format!("light_{name}.f64")), bytes).unwrap();
-        let rules = TOLERANCES.map(|(tolerance, stop)| {
-            let rule = Quadrature::Preintegrated(tolerance);
-            let dvr = Dvr::new(&fast, medium.clone()).unwrap().quadrature(rule).early_stop(stop).over([0.0; 3]);
-            let [seconds] = in_turn([&mut || {
-                pool.install(|| cameras.iter().for_each(|c| drop(black_box(picture(&dvr, c, 1, &cancel)))));
-            }]);
-            let seen = compared(&dvr, &cameras[0], 0.0);
-            let off: f64 = seen.iter().zip(&exact).map(|(a, b)| (*a - *b).length_squared()).sum();
-            let decibels = -10.0 * (off / (3 * exact.len()) as f64).log10();
-            (
-                format!("{rule}, stop {stop:e}"),
-                json!({"seconds": median(&seconds) / FRAMES as f64, "psnr_db": decibels}),
-            )
+        let rules = RULES.map(|rule| {
+            let dvr = Dvr::new(&fast, medium.clone()).unwrap().quadrature(rule.parse().unwrap()).over([0.0; 3]);
+            let mut seconds: Vec<f64> = Vec::new();
+            while seconds.len() < PICTURES_EACH && seconds.iter().sum::<f64>() < ENOUGH {
+                let before = processor_seconds();
+                pool.install(|| drop(black_box(picture(&dvr, &camera, 1, &cancel))));
+                seconds.push(processor_seconds() - before);
+            }
+            let seen = compared(&dvr, &camera, [0.0; 2]);
+            let off = seen.iter().zip(&light[4]).map(|(a, b)| *a - *b);
+            let square: f64 = off.clone().map(|off| off.length_squared()).sum();
+            let largest = off.map(|off| off.abs().max_element()).fold(0.0, f64::max);
+            let decibels = -10.0 * (square / (3 * seen.len()) as f64).log10();
+            (rule.to_owned(), json!({"seconds": median(&seconds), "psnr_db": decibels, "largest": largest}))
         });
         (name.to_owned(), Value::Object(rules.into_iter().collect()))
     });
@@ -158,7 +175,7 @@ fn forget_peak() {
 pub fn gradient(path: &Path, threads: usize, rule: Quadrature, pixels: u32) {
     let field = volume(path).filled(u64::MAX).unwrap();
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    let medium = Medium::new(1.0, Source::Transfer(function(|x| bump(x, 20.0, 60.0))));
+    let medium = Medium::new(1.0, Source::Transfer(function(even(), |x| bump(x, 20.0, 60.0))));
     let cancel = AtomicBool::new(false);
     let squares = |seen: &[f32; 4], wanted: &[f32; 4]| {
         let d: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);

@@ -24,8 +24,9 @@ fn main() {
         return vdb::own_side(Path::new(input), Path::new(output));
     }
     let threads = |text: &String| text.parse().unwrap();
-    if let Some([volume, count, folder, ..]) = after(dvr::PICTURES) {
-        return dvr::pictures(Path::new(volume), threads(count), Path::new(folder));
+    if let Some([volume, count, folder, shape, ..]) = after(dvr::PICTURES) {
+        let shape: [f64; 3] = serde_json::from_str(shape).unwrap();
+        return dvr::pictures(Path::new(volume), threads(count), Path::new(folder), shape.into());
     }
     if let Some([volume, count, rule, pixels, ..]) = after(dvr::GRADIENT) {
         return dvr::gradient(Path::new(volume), threads(count), rule.parse().unwrap(), pixels.parse().unwrap());

@@ -27,7 +27,7 @@ use crate::scene::bricks::{BRICK, Bricks, CELLS, Topology};
 use crate::scene::table::Table;
 use batch::SegmentBatch;
 pub(super) use batch::shares;
-use bound::Deviation;
+use bound::Deviations;
 use front::Front;
 use nodes::{Divided, Nodes, Queue, Sites, Spacing, nodes, roughness};
 use ray::NodeCotangent;
@@ -71,7 +71,7 @@ impl<R: Real> Preintegrated<R> {
             let (low, high) = values.iter().fold((values[0], values[0]), |(l, h), v| (l.lesser(*v), h.greater(*v)));
             let [depth, shift, ..] = tables.variation.between(low, high).store().map(Real::f64);
             let error = |h: f64| {
-                let both = 2.0 * Deviation::<R>::bound(roughness.map(Real::f64), h);
+                let both = 2.0 * Deviations::<R>::bound(roughness.map(Real::f64), h);
                 let share = both / both.max((high - low).f64()).max(f64::MIN_POSITIVE);
                 CELLS as f64 * voxel * (depth + shift) * share
             };

@@ -216,12 +216,13 @@ impl<R: Real> Queue<R> {
         self.count / LANES
     }
 
-    /// Returns the offset of the cell of each of the first nodes, and the roughness of its brick.
+    /// Returns, of each of the first nodes, the offset of its cell, its coordinates there, and the roughness of its brick.
     #[inline(always)]
-    pub fn cells(&self, count: usize) -> impl Iterator<Item = (u32, [R; 2])> {
-        let [axis, mixed] = &self.roughness;
-        let nodes = self.offset[..count.min(ROOM)].iter().zip(axis).zip(mixed);
-        nodes.map(|((offset, axis), mixed)| (*offset, [*axis, *mixed]))
+    pub fn cells(&self, count: usize) -> impl Iterator<Item = (u32, [R; 3], [R; 2])> {
+        let ([axis, mixed], [x, y, z]) = (&self.roughness, &self.at);
+        let places = self.offset[..count.min(ROOM)].iter().zip(x).zip(y).zip(z);
+        let nodes = places.zip(axis).zip(mixed);
+        nodes.map(|(((((offset, x), y), z), axis), mixed)| (*offset, [*x, *y, *z], [*axis, *mixed]))
     }
 
     /// Returns the positions of the first nodes, see [`Queue::share`].
