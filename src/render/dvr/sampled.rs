@@ -55,7 +55,7 @@ impl<R: Real> Default for SampleBatch<R> {
     }
 }
 
-/// What rays cross: the bricks that they visit, the values of all bricks, and the function of these.
+/// A medium that rays sample: the bricks that they visit, the values of all bricks, and the function of these.
 pub(super) struct Sampled<'a, R: Real> {
     pub topology: &'a Topology,
     pub values: &'a [R],
