@@ -38,7 +38,7 @@ FIGURES = [
     ("megabytes", "memory, MB", ".0f"),
 ]
 # The plot: the settings of B1, each with its color.
-SERIES = {"preintegrated": "#c2410c", "preintegrated:0.1": "#b45309", "exact": "#7e22ce", "midpoint:0.5": "#1d4ed8", "midpoint:1": "#15803d"}
+SERIES = {"preintegrated": "#c2410c", "preintegrated:0.1": "#db2777", "exact": "#7e22ce", "midpoint:0.5": "#1d4ed8", "midpoint:1": "#15803d"}
 
 
 def noted():
