@@ -34,6 +34,13 @@ OPACITY = {
 # Points of the function: several in each of the 255 pieces.
 POINTS = 1021
 
+
+def color_at(x):
+    """Colors, which are linear between the function's knots."""
+    knots = np.asarray(BONE[0] if a.function == "bone" else np.linspace(0, 1, 256))
+    return [float(np.interp(x, knots, values)) for values in (knots, 0.5 + 0.5 * np.sin(6 * knots), 1 - knots)]
+
+
 p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 p.add_argument("volume")
 p.add_argument("--function", choices=sorted(OPACITY), default="bump")
@@ -66,7 +73,7 @@ def window(bits, step):
     color, opacity = vtk.vtkColorTransferFunction(), vtk.vtkPiecewiseFunction()
     shift = 0.5 if bits == 8 else 0.0
     for x in np.linspace(0, 1, POINTS).tolist():
-        color.AddRGBPoint(top * x + shift, x, 0.5 + 0.5 * math.sin(6 * x), 1 - x)
+        color.AddRGBPoint(top * x + shift, *color_at(x))
         opacity.AddPoint(top * x + shift, OPACITY[a.function](x))
     looks = vtk.vtkVolumeProperty()
     looks.SetColor(color)
