@@ -25,7 +25,7 @@ ELLIPSOIDS = [
 
 
 def frequencies(n):
-    """Magnitudes of the frequencies of a real transform, and their squares' sum."""
+    """Magnitudes of the frequencies of a real transform, in waves along an edge."""
     f = np.fft.fftfreq(n) * n
     return np.sqrt(sum(axis**2 for axis in np.meshgrid(f, f, np.fft.rfftfreq(n) * n, indexing="ij")))
 

@@ -214,10 +214,10 @@ impl<R: Real> Curve<R, 3> {
 }
 
 impl<R: Real> Curve<R, 3> {
-    /// Returns red, green, blue and extinction at four densities; of a density less than 1e-4 of a piece below a knot, on
-    /// the line of the piece above it.
+    /// Returns red, green, blue and extinction at four densities; of a density less than 1e-4 of a piece below a knot,
+    /// on the line of the piece above it.
     #[inline(always)]
-    pub fn optics(&self, density: R::Lanes) -> [R::Lanes; 4] {
+    pub fn source_and_extinction(&self, density: R::Lanes) -> [R::Lanes; 4] {
         let (found, density) = (self.find_all(density), density.store());
         let at = |i: usize| self.lines[found[i] as usize].at(density[i]);
         R::Lanes::transpose([at(0), at(1), at(2), at(3)])

@@ -8,8 +8,8 @@ use crate::optimise::projection::observation::Observation;
 /// Share of the medium's opacities, over all pixels, from which on a warning is due.
 const MUCH: f64 = 0.02;
 
-/// Returns a warning if photographs show much of the medium in pixels that count as empty, or beside the world box of the
-/// unknowns: matter as faint as noise, or a background that is not even.
+/// Returns a warning if photographs show much of the medium in pixels that count as empty, or beside the world box of
+/// the unknowns: matter as faint as noise, or a background that is not even.
 pub fn left_out(observation: &Observation, bounds: &Aabb) -> Option<Warning> {
     let photographs = observation.maps.iter().filter(|map| map.limit == Limit::Light);
     let [outside, pixels, total] =
@@ -18,13 +18,14 @@ pub fn left_out(observation: &Observation, bounds: &Aabb) -> Option<Warning> {
     (total > 0.0 && share > MUCH).then(|| {
         Warning::new(
             format!(
-                "{:.1} % of what the photographs show of the medium lies outside of the region, where they count as empty: \
-                 {:.3} % of the contrast in each such pixel on average",
+                "{:.1} % of what the photographs show of the medium lies outside of the region, where they count as \
+                 empty: {:.3} % of the contrast in each such pixel on average",
                 100.0 * share,
                 100.0 * mean
             ),
-            "parts of the medium as faint as the noise are left out: pictures with less noise, as means of several of the \
-             same moment, show them. A background that is not even looks the same: subtract a picture without the medium",
+            "parts of the medium as faint as the noise are left out: pictures with less noise, as means of several of \
+             the same moment, show them. A background that is not even looks the same: subtract a picture without the \
+             medium",
         )
     })
 }

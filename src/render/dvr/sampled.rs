@@ -1,8 +1,8 @@
 //! Radiance by samples at steps of constant length, many samples at a time.
 //!
-//! The sum is that of [`Blend`](super::blend::Blend): a sample of extinction σ and color c adds `T c (1 - e^{-x})`, where
-//! T is the transmittance before it, and `x = σ h` the optical depth of its step. Values alone need nothing else of a
-//! sample, so that loops run over plain arrays, which compilers vectorise for each instruction set.
+//! The sum is that of [`Blend`](super::blend::Blend): a sample of extinction σ and color c adds `T c (1 - e^{-x})`,
+//! where T is the transmittance before it, and `x = σ h` the optical depth of its step. Values alone need nothing else
+//! of a sample, so that loops run over plain arrays, which compilers vectorise for each instruction set.
 
 use super::preintegrated::shares;
 use crate::real::{LANES, Lanes, Real};
@@ -174,7 +174,7 @@ impl<R: Real> SampleBatch<R> {
             let at = |v: &Numbers<R>| R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]]);
             let offset = [0, 1, 2, 3].map(|i| self.offset[n + i]);
             let density = interpolated(values, offset, [at(&self.at[0]), at(&self.at[1]), at(&self.at[2])]);
-            for (own, four) in self.optics.iter_mut().zip(curve.optics(density)) {
+            for (own, four) in self.optics.iter_mut().zip(curve.source_and_extinction(density)) {
                 own[n..n + LANES].copy_from_slice(&four.store());
             }
         }

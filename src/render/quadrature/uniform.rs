@@ -50,8 +50,8 @@ impl Uniform {
         if whole < self.last { whole } else { self.last + u64::from(self.step(self.last).0 < t) }
     }
 
-    /// Returns the numbers of the steps whose samples lie on a span. Spans are half open: each sample belongs to exactly
-    /// one.
+    /// Returns the numbers of the steps whose samples lie on a span. Spans are half open: each sample belongs to
+    /// exactly one.
     #[inline(always)]
     pub fn on<R: Real>(&self, span: &Span<R>) -> Range<u64> {
         self.before(span.start)..self.before(span.end)

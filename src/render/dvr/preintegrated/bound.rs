@@ -9,9 +9,9 @@
 //! with u the magnitudes of the ray's direction, m the largest mixed second difference of the voxels, which bounds the
 //! curvature within a cell, and a the largest second difference along an axis, which bounds the change of slope from
 //! cell to cell. Between nodes of one cell the density is a cubic, whose second derivative is linear in the length: its
-//! larger magnitude at the two nodes, times h² / 8, is e, and where both have the same sign, the density lies on one side
-//! of the line. [`Variation`](super::variation::Variation) turns e into bounds of the errors of a segment's optical depth
-//! and color.
+//! larger magnitude at the two nodes, times h² / 8, is e, and where both have the same sign, the density lies on one
+//! side of the line. [`Variation`](super::variation::Variation) turns e into bounds of the errors of a segment's
+//! optical depth and color.
 //!
 //! If segments are exchanged one after the other, from the far end, for exact ones, each changes the pixel by at most
 //! its own error times the transmittance in front of it: the sum over the segments bounds the error of the pixel, in

@@ -216,7 +216,8 @@ impl<R: Real> Queue<R> {
         self.count / LANES
     }
 
-    /// Returns, of each of the first nodes, the offset of its cell, its coordinates there, and the roughness of its brick.
+    /// Returns, of each of the first nodes, the offset of its cell, its coordinates there, and the roughness of its
+    /// brick.
     #[inline(always)]
     pub fn cells(&self, count: usize) -> impl Iterator<Item = (u32, [R; 3], [R; 2])> {
         let ([axis, mixed], [x, y, z]) = (&self.roughness, &self.at);
