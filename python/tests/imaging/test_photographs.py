@@ -126,3 +126,19 @@ def test_a_video_without_that_frame_is_refused(cumulo, filmed):
         cumulo("capture", "convert", filmed / "poses.json", "--pictures", *takes, "--frame", FRAMES, "--photographs",
                "-o", filmed / "no")  # fmt: skip
     assert not list(filmed.glob("no*")) and not list(filmed.glob(".cumulo-*"))
+
+
+def test_light_outside_of_the_region_is_told(cumulo, filmed, fixtures):
+    takes = [filmed / f"take_{i}.mp4" for i in range(5)]
+    shot = filmed / "cut"
+    cumulo("capture", "convert", filmed / "poses.json", "--pictures", *takes, "--frame", FRAME, "--photographs", "-o", shot)
+
+    def told(*region):
+        found = cumulo("reconstruct", "density", shot, *region, "--iterations", 1, "-o", filmed / "cut.vdb")
+        return [warning["what"] for warning in found["warnings"] if "outside of the region" in warning["what"]]
+
+    assert not told()
+    low, high = box(cumulo, fixtures / "plume.vdb")
+    upper = [*low[:2], (low[2] + high[2]) / 2, *high]
+    (what,) = told("--bounds=" + ",".join(map(str, upper)))
+    assert float(what.split(" %")[0]) > 10, what
