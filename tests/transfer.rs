@@ -11,7 +11,7 @@ use cumulo::render::composited::{Composited, Pixel};
 use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient};
 use cumulo::render::dvr::{Dvr, Precision, TableJacobian, Tape};
 use cumulo::render::quadrature::Quadrature;
-use cumulo::scene::bricks::Bricks;
+use cumulo::scene::bricks::{BRICK, Bricks};
 use cumulo::scene::medium::{Medium, Source};
 use cumulo::scene::table::{Table, TableGradient};
 use cumulo::scene::transfer::Transfer;
@@ -165,6 +165,12 @@ fn every_gradient_matches_central_differences() {
             order.sort_by(|a, b| all.voxels[*b].abs().total_cmp(&all.voxels[*a].abs()));
             for i in order.into_iter().step_by(61).take(40) {
                 let keep = f.values[i];
+                let on_face = [i % BRICK / 81, i % 81 / 9, i % 9].into_iter().any(|at| at == 0 || at == 8);
+                // Of what is stored more than once one copy changes, and the field jumps from brick to brick: where it
+                // is zero, to less than zero.
+                if keep == 0.0 && on_face {
+                    continue;
+                }
                 let difference = difference(keep, h, |value| {
                     f.values[i] = value;
                     total(&f, &medium, rule, &rays)

@@ -476,10 +476,13 @@ impl<'a, R: Real> Dvr<'a, R> {
                 if let Some(rule) = self.uniform(&ray) {
                     return self.sampled(&compiled.curve).radiance(&ray, rule, &mut tape.batch);
                 }
-                let scratch = &mut tape.preintegrated;
-                let preintegrated =
-                    tables.as_ref().and_then(|tables| tables.radiance(self, &compiled.curve, &ray, scratch));
-                preintegrated.unwrap_or_else(|| self.blended(&ray, compiled, tape))
+                // No closures: they would be compiled for the oldest instruction set.
+                if let Some(tables) = tables
+                    && let Some(radiance) = tables.radiance(self, &compiled.curve, &ray, &mut tape.preintegrated)
+                {
+                    return radiance;
+                }
+                self.blended(&ray, compiled, tape)
             }
         }
     }

@@ -6,9 +6,11 @@
 
 use super::super::CompiledCurve;
 use super::super::adjoint::{Pass, Weighted};
-use super::batch::{ROOM, SegmentBatch, share_slopes};
+use super::batch::{SegmentBatch, at, share_slopes};
+use super::bound::ATTEMPTS;
+use super::deviation::Deviations;
 use super::front::Front;
-use super::nodes::{Nodes, Sites, nodes};
+use super::nodes::{Nodes, ROOM, Sites, nodes};
 use super::ray::{NodeCotangent, follow, note};
 use super::visit::{BatchGradient, Visit};
 use super::{Preintegrated, Scratch};
@@ -33,43 +35,50 @@ impl<R: Real> Preintegrated<R> {
         scratch: &mut Scratch<R>,
     ) -> Option<Radiance> {
         let Scratch { queue, divided, batch, gradient, tape, spare, cotangents } = scratch;
-        spare.append(tape);
         cotangents.clear();
         let (dvr, ray) = (pass.dvr, pass.ray);
         let values = &dvr.field.values;
         let sites = Sites { topology: pass.topology(), spacing: &self.spacing, gaps: false };
         let keep = if adjoint == Adjoint::Replay { KEPT } else { usize::MAX };
-        let mut front = Front::new(&self.tables, &compiled.curve, &ray, dvr.depth_limit);
-        // Number of groups, and the state where they are no longer kept.
-        let (mut groups, mut rest) = (0, None);
-        nodes(
-            sites,
-            &ray,
-            queue,
-            #[inline(always)]
-            |queue, fours| {
-                let kept = groups < keep;
-                groups += 1;
-                if !kept {
-                    rest.get_or_insert(front);
-                }
-                front.add(
-                    values,
-                    (queue, fours),
-                    divided,
-                    batch,
-                    #[inline(always)]
-                    |front, queue, fours, batch| {
-                        if kept {
-                            let mut visit = spare.pop().unwrap_or_default();
-                            visit.record(front, queue, fours, batch);
-                            tape.push(visit);
-                        }
-                    },
-                );
-                front.goes_on() && front.is_accurate()
-            },
-        );
+        let start = |attempt: usize| Front::new(&self.tables, &compiled.curve, (&ray, dvr.depth_limit), attempt);
+        // The state where groups are no longer kept.
+        let (mut front, mut rest) = (start(0), None);
+        for attempt in 0..ATTEMPTS {
+            spare.append(tape);
+            (front, rest) = (start(attempt), None);
+            let mut groups = 0;
+            nodes(
+                sites,
+                &ray,
+                queue,
+                #[inline(always)]
+                |queue, fours| {
+                    let kept = groups < keep;
+                    groups += 1;
+                    if !kept {
+                        rest.get_or_insert(front);
+                    }
+                    front.add(
+                        values,
+                        (queue, fours),
+                        divided,
+                        batch,
+                        #[inline(always)]
+                        |front, queue, fours, batch| {
+                            if kept {
+                                let mut visit = spare.pop().unwrap_or_default();
+                                visit.record(front, queue, fours, batch);
+                                tape.push(visit);
+                            }
+                        },
+                    );
+                    front.goes_on() && front.is_accurate()
+                },
+            );
+            if front.is_accurate() {
+                break;
+            }
+        }
         if !front.is_accurate() {
             return None;
         }
@@ -77,7 +86,9 @@ impl<R: Real> Preintegrated<R> {
         let radiance = Radiance { rgb: emitted, depth };
         let weighted = pass.add_color(loss(&radiance), &emitted, &compiled.tint);
         let background = (-depth).exp() * weighted.transmittance;
-        let mut back = Backward { own: self, compiled, emitted, background, weighted, last: None, cotangents };
+        let deviations = front.deviations;
+        let mut back =
+            Backward { own: self, compiled, deviations, emitted, background, weighted, last: None, cotangents };
         // Not `for_each`: its closure would be compiled for the oldest instruction set.
         for visit in tape.iter() {
             back.visit(pass, visit, gradient);
@@ -123,6 +134,7 @@ impl<R: Real> Preintegrated<R> {
 struct Backward<'a, R: Real> {
     own: &'a Preintegrated<R>,
     compiled: &'a CompiledCurve<R, 3>,
+    deviations: Deviations<R>,
     /// Emitted radiance of the whole ray.
     emitted: [f64; 3],
     /// Loss-weighted radiance that arrives from the background.
@@ -156,18 +168,20 @@ impl<R: Real> Backward<'_, R> {
             self.by_density(batch, by);
         }
         if follows {
-            note(self.cotangents, &pass.dvr.field.values, visit, by);
+            note(self.cotangents, (&pass.dvr.field.values, &self.deviations), visit, by);
         }
         if let Some(seeds) = &mut pass.voxel_seeds {
-            seeds.add(visit, self.last, by);
+            seeds.add(visit, (self.last, &self.deviations), by);
         }
         if let Some(voxels) = pass.to.voxels.as_deref_mut() {
-            let by_density = by.density[1..].as_chunks::<LANES>().0;
-            for (nodes, by) in visit.nodes.first(visit.fours).zip(by_density) {
-                nodes.scatter(voxels, R::Lanes::load(*by));
+            for (n, nodes) in visit.nodes.first(visit.fours).enumerate() {
+                let i = LANES * n;
+                let by_corners = self.deviations.cubic(&nodes).by_corners(at(&by.deviation, i));
+                nodes.scatter(voxels, at(&by.density, i + 1), &by_corners);
             }
             if let Some(nodes) = self.last {
-                nodes.scatter(voxels, R::Lanes::ZERO.before(by.density[0]));
+                let zero = R::Lanes::ZERO;
+                nodes.scatter(voxels, zero.before(by.density[0]), &[[zero; LANES]; 2]);
             }
         }
         self.last = visit.nodes.first(visit.fours).next_back();
@@ -221,21 +235,12 @@ impl<R: Real> Backward<'_, R> {
         let tables = &self.own.tables;
         let count = batch.count.min(ROOM);
         let (sixth, half) = (R::of(1.0 / 6.0), R::of(0.5));
-        let [r, g, b] = self.weighted.color.map(|w| R::Lanes::splat(R::of(w)));
-        let slope = |i: usize| tables.piece(batch.piece[i]).slope;
-        // The first end, and then by four.
-        let mut note = |n: usize, four: [R::Lanes; LANES], few: usize| {
-            let [red, green, blue, extinction] = R::Lanes::transpose(four);
-            let source = (r * red + g * green + b * blue).store();
-            by.slopes[0][n..n + few].copy_from_slice(&source[..few]);
-            by.slopes[1][n..n + few].copy_from_slice(&extinction.store()[..few]);
-        };
-        note(0, [slope(0); LANES], 1);
-        for four in 0..count / LANES {
-            let n = (LANES * four).min(ROOM - LANES) + 1;
-            note(n, [slope(n), slope(n + 1), slope(n + 2), slope(n + 3)], LANES);
+        let [r, g, b] = self.weighted.color.map(R::of);
+        for i in 0..=count {
+            let [red, green, blue, _] = &batch.slopes;
+            by.source_slope[i] = r * red[i] + g * green[i] + b * blue[i];
         }
-        let (extinction, [source_slope, extinction_slope]) = (&batch.values[3], &by.slopes);
+        let (extinction, source_slope, extinction_slope) = (&batch.values[3], &by.source_slope, &batch.slopes[3]);
         by.incoming[0] = R::ZERO;
         for i in 0..count {
             let (begin, end) = (extinction[i], extinction[i + 1]);
@@ -243,22 +248,41 @@ impl<R: Real> Backward<'_, R> {
             let (by_mean, by_drift, by_extinction) = (by.mixed[i], by.drift[i], by.extinction[i]);
             // Of a difference of sums, divided by that of the densities; or of Simpson's rule.
             let inverse = R::ONE / (batch.density[i + 1] - batch.density[i]);
+            let one_piece = batch.piece[i] == batch.piece[i + 1];
+            // The slope that the means have a mean deviation's share of.
+            let (deviation, steep) = (batch.deviation[i], extinction_slope[i + 1]);
+            let inside =
+                by_extinction * steep + half * by_mean * (steep * (near + far) + (begin + end) * source_slope[i + 1]);
+            let across = (by_extinction * (end - begin) + by_mean * (end * far - begin * near)) * inverse;
+            let slope = if one_piece { inside } else { across };
+            let corrected = batch.corrected[i] > R::ZERO;
+            let slope = if corrected { slope } else { R::ZERO };
+            let over = deviation * slope;
             let (mean, mean_extinction) = (by.mean[i], batch.mean[3][i]);
-            let difference = |extinction: R, source: R| {
-                by_extinction * (extinction - mean_extinction) + by_mean * (extinction * source - mean)
-            };
-            let share = by_mean * sixth;
-            let (spread, both) = (share * (begin + end), share * (near + far) + half * by_extinction);
+            let along_line = by_extinction * mean_extinction + by_mean * mean - over;
+            let difference =
+                |extinction: R, source: R| by_extinction * extinction + by_mean * (extinction * source) - along_line;
+            let sixths = by_mean * sixth;
+            let (spread, both) = (sixths * (begin + end), sixths * (near + far) + half * by_extinction);
             let simpson = |extinction: R, source: R, i: usize| {
-                (spread + share * extinction) * source_slope[i] + (both + share * source) * extinction_slope[i]
+                (spread + sixths * extinction) * source_slope[i] + (both + sixths * source) * extinction_slope[i]
             };
             // Both, and then a choice: with a branch the loop is not compiled to vectors.
             let summed = batch.is_summed(tables, i);
             let by_sums = [-(difference(begin, near) * inverse), difference(end, far) * inverse];
             let by_simpson = [simpson(begin, near, i), simpson(end, far, i + 1)];
             let [at_begin, at_end] = if summed { by_sums } else { by_simpson };
-            by.density[i] = at_begin - by_drift * source_slope[i];
-            by.incoming[i + 1] = at_end + by_drift * source_slope[i + 1];
+            let tangent = |extinction: R, source: R, i: usize| {
+                let emitted = extinction * source_slope[i] + source * extinction_slope[i];
+                (by_extinction * extinction_slope[i] + by_mean * emitted - slope) * inverse
+            };
+            let bent = by_mean * steep * source_slope[i + 1];
+            let across = [-tangent(begin, near, i), tangent(end, far, i + 1)];
+            let turned = if one_piece { [bent; 2] } else { across };
+            let more = if corrected { [deviation * turned[0], deviation * turned[1]] } else { [R::ZERO; 2] };
+            by.deviation[i] = slope;
+            by.density[i] = at_begin + more[0] - by_drift * source_slope[i];
+            by.incoming[i + 1] = at_end + more[1] + by_drift * source_slope[i + 1];
         }
         for i in 0..count {
             by.density[i] += by.incoming[i];

@@ -5,22 +5,26 @@
 //! `d` the change of the color c from its begin to its end, it adds `T (e h A + d B)`, where `A = (1 - e^{-x}) / x` and
 //! `B = A - (1 + e^{-x}) / 2`: this has no error where the color is linear in the optical depth.
 //!
+//! Where the density is a cubic, which lies by a mean deviation δ beside the line, `σ c` and σ have means that differ by
+//! δ times their mean slopes along the line, which are their differences from end to end over that of the densities.
+//!
 //! Loops run over plain arrays without a branch, so that compilers vectorise them for each instruction set.
 
+use super::deviation::Deviation;
+use super::errors::Errors;
+use super::nodes::{ROOM, WIDE};
 use super::table::{Cumulative, End};
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::render::curve::Curve;
 
-/// The most segments in a batch.
-pub(super) const ROOM: usize = 72;
-/// Divisor of the number of segments in a batch, the lanes of the widest vectors: no remainder is left for slower
-/// loops.
-pub(super) const WIDE: usize = 8;
 /// Least optical depth in divisions: smaller ones are replaced by it.
 const LEAST: f64 = 1e-30;
 /// Optical depth below which B is computed from its power series.
 const THIN: f64 = 0.5;
+/// Largest mean deviation, in units of the difference of the densities, that means are corrected by: the mean slope is a
+/// quotient of differences across knots, and rounded as such.
+const MOST_SHARE: f64 = 32.0;
 /// Coefficients of the power series of B, from the second power on: `(-1)^k (1/(k+1)! - 1/(2 k!))`; the truncated terms
 /// are below 1e-14.
 const POWERS: [f64; 11] = [
@@ -52,8 +56,16 @@ pub(super) struct SegmentBatch<R: Real> {
     pub piece: Ends<u32>,
     /// Red, green, blue and extinction at the ends.
     pub values: [Ends<R>; 4],
+    /// Slopes of these with the density.
+    pub slopes: [Ends<R>; 4],
     /// World lengths of the segments.
     pub length: Segment<R>,
+    /// How far the densities may lie below and above the line, see [`Deviation`].
+    pub below: Segment<R>,
+    pub above: Segment<R>,
+    /// Mean deviations δ that the means are corrected by, and 1; 0 and 0 where they are not.
+    pub deviation: Segment<R>,
+    pub corrected: Segment<R>,
     /// Means of `σ r`, `σ g`, `σ b` and `σ`.
     pub mean: [Segment<R>; 4],
     /// Optical depths x of the segments.
@@ -65,6 +77,8 @@ pub(super) struct SegmentBatch<R: Real> {
     pub drift: Segment<R>,
     /// Transmittances from the eye to the segments' beginnings.
     pub before: Segment<R>,
+    /// Bounds of the segments' errors.
+    pub errors: Errors<R>,
 }
 
 impl<R: Real> Default for SegmentBatch<R> {
@@ -75,19 +89,37 @@ impl<R: Real> Default for SegmentBatch<R> {
             density: ends,
             piece: [0; ROOM + 1],
             values: [ends; 4],
+            slopes: [ends; 4],
             length: segment,
+            below: segment,
+            above: segment,
+            deviation: segment,
+            corrected: segment,
             mean: [segment; 4],
             depth: segment,
             transmittance: segment,
             mixed: segment,
             drift: segment,
             before: segment,
+            errors: Errors::default(),
         }
     }
 }
 
 impl<R: Real> SegmentBatch<R> {
-    /// Computes the remaining numbers from densities and lengths. `last` is the end at which the first segment begins;
+    /// Sets densities, lengths and deviations of the `n`-th four segments.
+    #[inline(always)]
+    pub fn place(&mut self, n: usize, density: R::Lanes, length: R::Lanes, deviation: &Deviation<R>) {
+        let n = (LANES * n).min(ROOM - LANES);
+        self.density[n + 1..n + 1 + LANES].copy_from_slice(&density.store());
+        self.length[n..n + LANES].copy_from_slice(&length.store());
+        self.below[n..n + LANES].copy_from_slice(&deviation.below.store());
+        self.above[n..n + LANES].copy_from_slice(&deviation.above.store());
+        self.deviation[n..n + LANES].copy_from_slice(&deviation.mean.store());
+        self.corrected[n..n + LANES].copy_from_slice(&deviation.within.store());
+    }
+
+    /// Computes the remaining numbers from what was placed. `last` is the end at which the first segment begins;
     /// it is set to that at which the last one ends.
     #[inline(always)]
     pub fn follow(&mut self, tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>) {
@@ -102,16 +134,17 @@ impl<R: Real> SegmentBatch<R> {
     fn look_up(&mut self, tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>) {
         self.density[0] = last.density;
         self.piece[0] = last.piece;
-        let first = last.values.store();
+        let (first, slopes) = (last.values.store(), tables.piece(last.piece).slope.store());
         for c in 0..4 {
-            self.values[c][0] = first[c];
+            (self.values[c][0], self.slopes[c][0]) = (first[c], slopes[c]);
         }
         for four in 0..self.count / LANES {
             let n = (LANES * four).min(ROOM - LANES);
             let d = [self.density[n + 1], self.density[n + 2], self.density[n + 3], self.density[n + 4]];
             let found = curve.find_all(R::Lanes::load(d));
             self.piece[n + 1..n + 1 + LANES].copy_from_slice(&found);
-            let [p, q, r, s] = found.map(|number| tables.piece(number));
+            let piece = |i: usize| tables.piece(found[i]);
+            let (p, q, r, s) = (piece(0), piece(1), piece(2), piece(3));
             let [a, b, c, e] = [p.sums(d[0]), q.sums(d[1]), r.sums(d[2]), s.sums(d[3])];
             let apart = |before: [f64; 4], after: [f64; 4]| {
                 let of = |c: usize| R::of(after[c] - before[c]);
@@ -120,7 +153,9 @@ impl<R: Real> SegmentBatch<R> {
             let sums = R::Lanes::transpose([apart(last.sums, a), apart(a, b), apart(b, c), apart(c, e)]);
             let end = s.values(d[3]);
             let values = R::Lanes::transpose([p.values(d[0]), q.values(d[1]), r.values(d[2]), end]);
+            let slopes = R::Lanes::transpose([p.slope, q.slope, r.slope, s.slope]);
             for c in 0..4 {
+                self.slopes[c][n + 1..n + 1 + LANES].copy_from_slice(&slopes[c].store());
                 self.mean[c][n..n + LANES].copy_from_slice(&sums[c].store());
                 self.values[c][n + 1..n + 1 + LANES].copy_from_slice(&values[c].store());
             }
@@ -128,29 +163,67 @@ impl<R: Real> SegmentBatch<R> {
         }
     }
 
+    /// True if the densities at a segment's ends are apart by more than rounding.
+    #[inline(always)]
+    fn is_wide(&self, tables: &Cumulative<R>, i: usize) -> bool {
+        let width = self.density[i + 1] - self.density[i];
+        width.greater(-width) > tables.same
+    }
+
     /// True if a segment's mean is computed from cumulative sums, not from the values at its ends.
     #[inline(always)]
     pub fn is_summed(&self, tables: &Cumulative<R>, i: usize) -> bool {
-        let width = self.density[i + 1] - self.density[i];
-        (self.piece[i] != self.piece[i + 1]) & (width.greater(-width) > tables.same)
+        (self.piece[i] != self.piece[i + 1]) & self.is_wide(tables, i)
     }
 
     /// Computes means, optical depths, transmittances and the weights A and B.
     #[inline(always)]
     fn settle(&mut self, tables: &Cumulative<R>) {
-        let sixth = R::of(1.0 / 6.0);
+        let (sixth, half) = (R::of(1.0 / 6.0), R::of(0.5));
         let [red, green, blue, extinction] = &self.values;
+        let [by_red, by_green, by_blue, by_extinction] = &self.slopes;
         for i in 0..self.count.min(ROOM) {
             let inverse = R::ONE / (self.density[i + 1] - self.density[i]);
-            let summed = self.is_summed(tables, i);
+            let wide = self.is_wide(tables, i);
+            let one_piece = self.piece[i] == self.piece[i + 1];
+            let summed = !one_piece & wide;
             // In one piece Simpson's rule has no error: of the product of two linear functions, from their ends.
-            let (begin, end) = (sixth * extinction[i], sixth * extinction[i + 1]);
+            let (near, far) = (extinction[i], extinction[i + 1]);
+            let (begin, end) = (sixth * near, sixth * far);
             let (at_first, at_second) = (begin + begin + end, begin + end + end);
             let pick = |sums: R, simpson: R| if summed { sums * inverse } else { simpson };
-            self.mean[0][i] = pick(self.mean[0][i], at_first * red[i] + at_second * red[i + 1]);
-            self.mean[1][i] = pick(self.mean[1][i], at_first * green[i] + at_second * green[i + 1]);
-            self.mean[2][i] = pick(self.mean[2][i], at_first * blue[i] + at_second * blue[i + 1]);
-            let mean = pick(self.mean[3][i], at_first + at_second);
+            let line = [
+                pick(self.mean[0][i], at_first * red[i] + at_second * red[i + 1]),
+                pick(self.mean[1][i], at_first * green[i] + at_second * green[i + 1]),
+                pick(self.mean[2][i], at_first * blue[i] + at_second * blue[i + 1]),
+                pick(self.mean[3][i], at_first + at_second),
+            ];
+            // Mean slopes: within a piece those in the middle, of which nothing cancels.
+            let (middle, steep) = (half * (near + far), half * by_extinction[i + 1]);
+            let slope = |v: &Ends<R>, by: &Ends<R>| {
+                let (inside, across) = (steep * (v[i] + v[i + 1]) + middle * by[i + 1], far * v[i + 1] - near * v[i]);
+                if one_piece { inside } else { across * inverse }
+            };
+            let deviation = self.deviation[i];
+            let more = |slope: R| deviation * slope;
+            let mean = [
+                line[0] + more(slope(red, by_red)),
+                line[1] + more(slope(green, by_green)),
+                line[2] + more(slope(blue, by_blue)),
+                line[3] + more(if one_piece { by_extinction[i + 1] } else { (far - near) * inverse }),
+            ];
+            // A quotient of differences is rounded as such. Neither light nor extinction is negative; next to where they
+            // end the slope is none of them.
+            let share = deviation * inverse;
+            let steady = one_piece | (wide & (share.greater(-share) <= R::of(MOST_SHARE)));
+            let least = mean[0].lesser(mean[1]).lesser(mean[2].lesser(mean[3]));
+            let corrected = steady & (least >= R::ZERO) & (self.corrected[i] > R::ZERO);
+            self.corrected[i] = if corrected { R::ONE } else { R::ZERO };
+            self.deviation[i] = if corrected { deviation } else { R::ZERO };
+            self.mean[0][i] = if corrected { mean[0] } else { line[0] };
+            self.mean[1][i] = if corrected { mean[1] } else { line[1] };
+            self.mean[2][i] = if corrected { mean[2] } else { line[2] };
+            let mean = if corrected { mean[3] } else { line[3] };
             self.mean[3][i] = mean;
             self.depth[i] = (self.length[i] * mean).greater(R::ZERO);
         }
@@ -159,46 +232,42 @@ impl<R: Real> SegmentBatch<R> {
         }
     }
 
-    /// Returns an estimate of the error, in light that a segment would add with nothing in front of it, of taking the
-    /// color as linear in the optical depth, if the function has one piece between its ends.
+    /// Computes the transmittances before the segments; `transmittance` is that before the first one, and is set to that
+    /// behind the last.
     #[inline(always)]
-    pub fn color_error(&self, i: usize) -> R {
-        let abs = |v: R| v.greater(-v);
-        let half = R::of(0.5);
-        let [red, green, blue, extinction] = &self.values;
-        let (begin, end) = (extinction[i], extinction[i + 1]);
-        let emitted = |c: usize, v: &Ends<R>| abs(self.mean[c][i] - half * (begin * v[i] + end * v[i + 1]));
-        let most = emitted(0, red).greater(emitted(1, green)).greater(emitted(2, blue));
-        abs(self.drift[i]) * self.length[i] * most
+    pub fn arrive(&mut self, transmittance: &mut R) {
+        for four in 0..self.count / LANES {
+            let n = (LANES * four).min(ROOM - LANES);
+            let through = at(&self.transmittance, n).running_product();
+            let before = R::Lanes::splat(*transmittance) * through.after(R::ONE);
+            *transmittance = *transmittance * through.store()[LANES - 1];
+            self.before[n..n + LANES].copy_from_slice(&before.store());
+        }
     }
 
-    /// Returns the segments' light, by channel, and their optical depth. `transmittance` is that before the first
-    /// segment, and is set to that behind the last.
+    /// Returns the segments' light, by channel, and their optical depth.
     #[inline(always)]
-    pub fn blend(&mut self, transmittance: &mut R) -> ([f64; 3], f64) {
+    pub fn blend(&self) -> ([f64; 3], f64) {
         let mut light = [R::Lanes::ZERO; 3];
         let mut depths = R::Lanes::ZERO;
         for four in 0..self.count / LANES {
             let n = (LANES * four).min(ROOM - LANES);
-            let at = |v: &Segment<R>| R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]]);
-            let through = at(&self.transmittance).running_product();
-            let before = R::Lanes::splat(*transmittance) * through.after(R::ONE);
-            *transmittance = *transmittance * through.store()[LANES - 1];
-            self.before[n..n + LANES].copy_from_slice(&before.store());
-            let (mixed, drift) = (before * at(&self.mixed) * at(&self.length), before * at(&self.drift));
+            let before = at(&self.before, n);
+            let (mixed, drift) = (before * at(&self.mixed, n) * at(&self.length, n), before * at(&self.drift, n));
             for c in 0..3 {
                 let v = &self.values[c];
-                let change = R::Lanes::load([v[n + 1], v[n + 2], v[n + 3], v[n + 4]]) - at_ends(v, n);
-                light[c] += mixed * at(&self.mean[c]) + drift * change;
+                let change = R::Lanes::load([v[n + 1], v[n + 2], v[n + 3], v[n + 4]]) - at(v, n);
+                light[c] += mixed * at(&self.mean[c], n) + drift * change;
             }
-            depths += at(&self.depth);
+            depths += at(&self.depth, n);
         }
         (light.map(|l| l.sum().f64()), depths.sum().f64())
     }
 }
 
+/// Returns four numbers, from the `n`-th on.
 #[inline(always)]
-fn at_ends<R: Real>(v: &Ends<R>, n: usize) -> R::Lanes {
+pub(super) fn at<R: Real>(v: &[R], n: usize) -> R::Lanes {
     R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]])
 }
 

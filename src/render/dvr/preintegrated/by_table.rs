@@ -33,6 +33,18 @@ impl<R: Real> SegmentBatch<R> {
             let line = curve.piece(number);
             add(&mut table.pieces[number as usize], line, scale, density, by_mean.map(|g| share * g));
         };
+        let deviation = self.deviation[i].f64();
+        if pieces[0] != pieces[1] && deviation != 0.0 {
+            let share = deviation / (end.f64() - begin.f64());
+            add(pieces[1], end.f64(), share);
+            add(pieces[0], begin.f64(), -share);
+        } else if deviation != 0.0 {
+            // The slope of a quadratic in the middle is its difference over any range around it.
+            let (middle, line) = (0.5 * (low + high), curve.piece(pieces[0]));
+            let reach = (line.high.f64() - line.low.f64()).clamp(1e-3, 1e3);
+            add(pieces[0], middle + reach, 0.5 * deviation / reach);
+            add(pieces[0], middle - reach, -0.5 * deviation / reach);
+        }
         if high - low <= tables.same.f64() {
             return add(pieces[1], 0.5 * (low + high), 1.0);
         }

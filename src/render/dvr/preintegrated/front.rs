@@ -1,7 +1,8 @@
 //! Front-to-back blending of the segments between nodes, batch by batch.
 
-use super::batch::{ROOM, SegmentBatch};
+use super::batch::SegmentBatch;
 use super::bound::Budget;
+use super::deviation::Deviations;
 use super::nodes::{BRICK_END, Divided, FOURS, Queue};
 use super::table::{Cumulative, End};
 use crate::real::Real;
@@ -19,7 +20,10 @@ pub(super) struct Front<'a, R: Real> {
     direction: DVec3,
     /// Optical depth at which the ray ends.
     limit: f64,
-    budget: Budget<R>,
+    pub deviations: Deviations<R>,
+    budget: Budget,
+    /// Offset of the cell of the last node.
+    cell: u32,
     last: End<R>,
     /// Position of the last node in its interval, as nodes have it.
     share: R,
@@ -32,15 +36,23 @@ pub(super) struct Front<'a, R: Real> {
 }
 
 impl<'a, R: Real> Front<'a, R> {
-    /// Creates the state at the eye, before any segment, at density zero, for a ray that ends at an optical depth.
+    /// Creates the state at the eye, before any segment, at density zero, for an attempt at a ray that ends at an optical
+    /// depth.
     #[inline(always)]
-    pub fn new(tables: &'a Cumulative<R>, curve: &'a Curve<R, 3>, ray: &IndexRay, limit: f64) -> Self {
+    pub fn new(
+        tables: &'a Cumulative<R>,
+        curve: &'a Curve<R, 3>,
+        (ray, limit): (&IndexRay, f64),
+        attempt: usize,
+    ) -> Self {
         Self {
             tables,
             curve,
             direction: ray.direction(),
             limit,
-            budget: Budget::new(ray.direction()),
+            deviations: Deviations::new(ray.direction()),
+            budget: Budget::new(attempt),
+            cell: u32::MAX,
             last: tables.zero,
             share: R::of(BRICK_END),
             depth: 0.0,
@@ -72,13 +84,13 @@ impl<'a, R: Real> Front<'a, R> {
         batch: &mut Box<SegmentBatch<R>>,
         mut added: impl FnMut(&Self, &mut Box<Queue<R>>, usize, &mut Box<SegmentBatch<R>>),
     ) {
-        let (mut chunk, mut parts): (Option<Box<Queue<R>>>, _) = (None, [1; ROOM]);
+        let mut chunk: Option<Box<Queue<R>>> = None;
         loop {
             let (nodes, fours) = chunk.as_ref().map_or((&*queue, fours), |chunk| (chunk, chunk.fours()));
-            if self.try_add(values, nodes, fours, batch, &mut parts) {
+            if self.try_add(values, nodes, fours, batch) {
                 added(self, chunk.as_mut().unwrap_or(queue), fours, batch);
             } else {
-                divided.divide(nodes, fours, &parts, (self.direction, self.share));
+                divided.divide(nodes, fours, &batch.errors.parts, (self.direction, self.share));
             }
             if let Some(chunk) = chunk {
                 divided.reuse(chunk);
@@ -96,29 +108,25 @@ impl<'a, R: Real> Front<'a, R> {
     /// Adds the segments that end at nodes, and leaves them in `batch`; if some of them have to be divided, adds none
     /// and returns false.
     #[inline(always)]
-    fn try_add(
-        &mut self,
-        values: &[R],
-        queue: &Queue<R>,
-        fours: usize,
-        batch: &mut SegmentBatch<R>,
-        parts: &mut [u8; ROOM],
-    ) -> bool {
+    fn try_add(&mut self, values: &[R], queue: &Queue<R>, fours: usize, batch: &mut SegmentBatch<R>) -> bool {
         batch.count = LANES * fours.min(FOURS);
-        let (densities, lengths) = (batch.density[1..].as_chunks_mut().0, batch.length.as_chunks_mut().0);
-        for ((nodes, density), length) in queue.first(fours).zip(densities).zip(lengths) {
-            *density = self.tables.within(nodes.densities(values)).store();
-            *length = nodes.length.store();
+        let mut cell = self.cell;
+        for (n, nodes) in queue.first(fours).enumerate() {
+            let corners = nodes.corners(values);
+            let deviation = self.deviations.of(&nodes, &corners, cell);
+            cell = nodes.offset[LANES - 1];
+            batch.place(n, self.tables.within(nodes.densities(&corners)), nodes.length, &deviation);
         }
-        let mut last = self.last;
+        let (mut last, mut transmittance) = (self.last, self.transmittance);
         batch.follow(self.tables, self.curve, &mut last);
-        if !self.budget.charge(values, (batch, queue), (self.tables, self.transmittance), parts) {
+        batch.arrive(&mut transmittance);
+        if !self.budget.charge(batch, queue.level, self.tables) {
             return false;
         }
-        let count = batch.count;
-        self.share = queue.shares(count).iter().rev().find(|share| **share >= R::ZERO).copied().unwrap_or(self.share);
-        self.last = last;
-        let (radiance, depth) = batch.blend(&mut self.transmittance);
+        let shares = queue.shares(batch.count);
+        self.share = shares.iter().rev().find(|share| **share >= R::ZERO).copied().unwrap_or(self.share);
+        (self.last, self.cell, self.transmittance) = (last, cell, transmittance);
+        let (radiance, depth) = batch.blend();
         for c in 0..3 {
             self.emitted[c] += radiance[c];
         }

@@ -10,6 +10,8 @@ mod adjoint;
 mod batch;
 mod bound;
 mod by_table;
+mod deviation;
+mod errors;
 mod front;
 mod nodes;
 mod ray;
@@ -27,7 +29,8 @@ use crate::scene::bricks::{BRICK, Bricks, CELLS, Topology};
 use crate::scene::table::Table;
 use batch::SegmentBatch;
 pub(super) use batch::shares;
-use bound::Deviations;
+use bound::ATTEMPTS;
+use deviation::Deviations;
 use front::Front;
 use nodes::{Divided, Nodes, Queue, Sites, Spacing, nodes, roughness};
 use ray::NodeCotangent;
@@ -63,13 +66,15 @@ impl<R: Real> Preintegrated<R> {
         field: &Bricks<R>,
         visible: &Topology,
     ) -> Self {
-        let tables = Cumulative::new(table, scale, tolerance, curve);
+        let (low, high) = field.range();
+        let tables = Cumulative::new((table, scale), tolerance, curve, [low, high].map(Real::f64));
         let gaps = table.at(0.0)[3] > 0.0;
         let voxel = field.transform.voxel_size().max_element();
         let spacing = |values: &[R]| {
             let roughness = roughness(values);
             let (low, high) = values.iter().fold((values[0], values[0]), |(l, h), v| (l.lesser(*v), h.greater(*v)));
-            let [depth, shift, ..] = tables.variation.between(low, high).store().map(Real::f64);
+            let varied = tables.variation.between(R::Lanes::splat(low), R::Lanes::splat(high));
+            let [depth, shift] = [varied.extinction, varied.shift].map(|lanes| lanes.store()[0].f64());
             let error = |h: f64| {
                 let both = 2.0 * Deviations::<R>::bound(roughness.map(Real::f64), h);
                 let share = both / both.max((high - low).f64()).max(f64::MIN_POSITIVE);
@@ -107,22 +112,27 @@ impl<R: Real> Preintegrated<R> {
     ) -> Option<Radiance> {
         let values = &dvr.field.values;
         let Scratch { queue, divided, batch, .. } = scratch;
-        let mut front = Front::new(&self.tables, curve, ray, dvr.depth_limit);
         let sites = Sites { topology: &self.occupied, spacing: &self.spacing, gaps: self.gaps };
-        let rest = nodes(
-            sites,
-            ray,
-            queue,
-            #[inline(always)]
-            |queue, fours| {
-                front.add(values, (queue, fours), divided, batch, |_, _, _, _| ());
-                front.goes_on() && front.is_accurate()
-            },
-        );
-        if self.gaps && rest > 0.0 {
-            front.add_gap(rest);
+        for attempt in 0..ATTEMPTS {
+            let mut front = Front::new(&self.tables, curve, (ray, dvr.depth_limit), attempt);
+            let rest = nodes(
+                sites,
+                ray,
+                queue,
+                #[inline(always)]
+                |queue, fours| {
+                    front.add(values, (queue, fours), divided, batch, |_, _, _, _| ());
+                    front.goes_on() && front.is_accurate()
+                },
+            );
+            if front.is_accurate() {
+                if self.gaps && rest > 0.0 {
+                    front.add_gap(rest);
+                }
+                return Some(Radiance { rgb: front.emitted, depth: front.depth });
+            }
         }
-        front.is_accurate().then_some(Radiance { rgb: front.emitted, depth: front.depth })
+        None
     }
 }
 

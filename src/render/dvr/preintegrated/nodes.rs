@@ -2,14 +2,15 @@
 //! interval in a brick evenly, else the faces of all cells; with further ones between two of them where the error would
 //! be too large. Between two nodes the density is taken as linear in the length.
 
-use super::batch::{ROOM as SEGMENTS, WIDE};
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
-use crate::render::cell::{corners, interpolated, low, offsets, placed, scatter};
+use crate::render::cell::{corners, low, offsets, placed, scatter};
 use crate::render::march::{IndexRay, Span, spans};
-use crate::render::segment::slopes;
 use crate::scene::bricks::{BRICK, CELLS, EDGE, Topology, slot};
 use glam::DVec3;
+
+/// Values at the corners of four cells: by x of the corner, by corner as in [`crate::render::cell`], in lanes by cell.
+pub(super) type Corners<R> = [[<R as Real>::Lanes; LANES]; 2];
 
 /// Four nodes of a batch.
 #[derive(Debug, Clone, Copy)]
@@ -20,37 +21,48 @@ pub(super) struct Nodes<R: Real> {
     pub at: [R::Lanes; 3],
     /// World lengths of the segments that end at the nodes.
     pub length: R::Lanes,
+    /// Roughness of the segments, see [`Queue::roughness`].
+    pub roughness: [R::Lanes; 2],
 }
 
 impl<R: Real> Nodes<R> {
-    /// Returns the densities at the nodes.
+    /// Returns the values at the corners of the nodes' cells.
     #[inline(always)]
-    pub fn densities(&self, values: &[R]) -> R::Lanes {
-        interpolated(values, self.offset, self.at)
+    pub fn corners(&self, values: &[R]) -> Corners<R> {
+        // No `map`: it is not always inlined.
+        let [a, b, c, d] = self.offset;
+        let ([e, f], [g, h]) = (corners(values, a as usize), corners(values, b as usize));
+        let ([k, l], [m, n]) = (corners(values, c as usize), corners(values, d as usize));
+        [R::Lanes::transpose([e, g, k, m]), R::Lanes::transpose([f, h, l, n])]
     }
 
-    /// Returns the derivatives of the densities with respect to index coordinates.
-    pub fn slopes(&self, values: &[R]) -> [R::Lanes; 3] {
+    /// Returns the densities at the nodes, from the values at the corners of their cells.
+    #[inline(always)]
+    pub fn densities(&self, [near, far]: &Corners<R>) -> R::Lanes {
         let [x, y, z] = self.at;
-        let faces = self.offset.map(|offset| corners(values, offset as usize));
-        let [near, far] = [0, 1].map(|side| R::Lanes::transpose(faces.map(|face| face[side])));
-        slopes([near, far], [x, y, z])
+        let along = |i: usize| near[i] + x * (far[i] - near[i]);
+        let (a, b, c, d) = (along(0), along(1), along(2), along(3));
+        let (low, high) = (a + z * (b - a), c + z * (d - c));
+        low + y * (high - low)
     }
 
-    /// Adds the derivatives with respect to voxels, from those with respect to densities: the transpose of
-    /// [`Nodes::densities`].
+    /// Adds the derivatives with respect to voxels, from those with respect to densities and to the corners themselves:
+    /// the transpose of [`Nodes::densities`] and of the corners' values.
     #[inline(always)]
-    pub fn scatter(&self, values: &mut [R], by_density: R::Lanes) {
+    pub fn scatter(&self, values: &mut [R], by_density: R::Lanes, by_corners: &Corners<R>) {
         let [x, y, z] = self.at;
         let high = by_density * y;
         let low = by_density - high;
         let (b, d) = (low * z, high * z);
-        let columns = R::Lanes::transpose([low - b, b, high - d, d]);
-        let (along, some) = (x.store(), by_density.store());
+        let columns = [low - b, b, high - d, d];
+        let far = columns.map(|column| x * column);
+        let near = [0, 1, 2, 3].map(|i| columns[i] - far[i] + by_corners[0][i]);
+        let far = [0, 1, 2, 3].map(|i| far[i] + by_corners[1][i]);
+        let [near, far] = [near, far].map(R::Lanes::transpose);
+        let some = by_corners.iter().flatten().fold(by_density.abs(), |sum, by| sum + by.abs()).store();
         for i in 0..LANES {
             if some[i] != R::ZERO {
-                let far = columns[i] * R::Lanes::splat(along[i]);
-                scatter(values, self.offset[i] as usize, R::ONE, &[columns[i] - far, far]);
+                scatter(values, self.offset[i] as usize, R::ONE, &[near[i], far[i]]);
             }
         }
     }
@@ -61,8 +73,11 @@ const MOST_PARTS: usize = 32;
 /// Least number of nodes that are visited together while there are more: the nodes of one group of four depend on each
 /// other's latency, groups do not.
 const ENOUGH: usize = 32;
-/// Capacity of a queue in nodes: nearly a visit, a gap's node, a brick's nodes, and padding that is written past them.
-const ROOM: usize = (ENOUGH + 1 + MOST_PARTS + LANES).next_multiple_of(WIDE);
+/// Divisor of the number of nodes that are visited together, the lanes of the widest vectors: no remainder is left for
+/// slower loops.
+pub(super) const WIDE: usize = 8;
+/// Capacity of a queue in nodes, and of a batch in segments: nearly a visit, a gap's node, a brick's nodes, and padding that is written past them.
+pub(super) const ROOM: usize = (ENOUGH + 1 + MOST_PARTS + LANES).next_multiple_of(WIDE);
 /// Mark of a segment in one cell, in [`Queue::roughness`].
 pub(super) const ONE_CELL: f64 = -1.0;
 /// Marks of nodes in [`Queue::share`].
@@ -121,63 +136,59 @@ impl<R: Real> Queue<R> {
         self.count += count;
     }
 
-    /// Appends a node at a world length from the span's entry, in a cell, at the end of a segment of this cell.
-    #[inline(always)]
-    fn push_in_cell(&mut self, span: &Span<R>, mixed: R, t: R, length: R, cell: [usize; 3], end: f64) {
-        let n = self.count.min(ROOM - 1);
-        self.offset[n] = (span.base + slot(cell[0], cell[1], cell[2])) as u32;
-        for a in 0..3 {
-            let at = span.entry[a] + t * span.direction[a] - R::int(cell[a] as i32);
-            self.at[a][n] = at.greater(R::ZERO).lesser(R::ONE);
-        }
-        self.length[n] = length;
-        self.share[n] = R::of(end);
-        [self.roughness[0][n], self.roughness[1][n]] = [R::of(ONE_CELL), mixed];
-        self.count += 1;
-    }
-
     /// Appends nodes where the ray leaves the cells of a brick.
     #[inline(always)]
     fn push_cells(&mut self, span: &Span<R>, mixed: R) {
+        // Lengths to where the ray crosses the faces, ascending, from the entry on.
+        let mut crossings = [R::ZERO; MOST_PARTS + 1];
         let never = R::of(f64::MAX);
-        let (mut cell, mut next, mut step) = ([0; 3], [never; 3], [R::ZERO; 3]);
-        for a in 0..3 {
-            let (entry, forward) = (span.entry[a], span.direction[a] > R::ZERO);
-            let mut low = (entry.f64() as usize).min(CELLS - 1);
-            if !forward && low > 0 && R::int(low as i32) >= entry {
-                low -= 1;
+        let axis = |a: usize| {
+            let (entry, inverse) = (span.entry[a], span.inverse[a]);
+            if !inverse.f64().is_finite() {
+                return (never, R::ZERO);
             }
-            cell[a] = low;
-            if span.inverse[a].f64().is_finite() {
-                let plane = R::int((low + usize::from(forward)) as i32);
-                next[a] = ((plane - entry) * span.inverse[a]).greater(R::ZERO);
-                step[a] = if forward { span.inverse[a] } else { -span.inverse[a] };
+            let low = R::int((entry.f64() as usize).min(CELLS - 1) as i32);
+            match span.direction[a] > R::ZERO {
+                true => ((low + R::ONE - entry) * inverse, inverse),
+                false => ((low - entry) * inverse, -inverse),
             }
-        }
-        let mut reached = R::ZERO;
+        };
+        let [(mut x, dx), (mut y, dy), (mut z, dz)] = [axis(0), axis(1), axis(2)];
+        let (mut count, mut reached) = (1, R::ZERO);
         loop {
-            let nearest = next[0].lesser(next[1]).lesser(next[2]);
-            if nearest >= span.length || self.count >= ROOM - 1 {
+            let nearest = x.lesser(y).lesser(z);
+            if nearest >= span.length || count >= MOST_PARTS {
                 break;
             }
-            if nearest > reached {
-                self.push_in_cell(span, mixed, nearest, nearest - reached, cell, CELL_END);
-                reached = nearest;
-            }
-            for a in 0..3 {
-                if next[a] <= nearest {
-                    let forward = span.direction[a] > R::ZERO;
-                    match (forward, cell[a]) {
-                        (true, low) if low < CELLS - 1 => cell[a] += 1,
-                        (false, low) if low > 0 => cell[a] -= 1,
-                        // What rounding has put before the brick's face.
-                        _ => next[a] = never,
-                    }
-                    next[a] += step[a];
-                }
-            }
+            crossings[count] = nearest;
+            // Where it crosses several at once, the last of them counts.
+            count += usize::from(nearest > reached);
+            reached = nearest;
+            x += if x <= nearest { dx } else { R::ZERO };
+            y += if y <= nearest { dy } else { R::ZERO };
+            z += if z <= nearest { dz } else { R::ZERO };
         }
-        self.push_in_cell(span, mixed, span.length, span.length - reached, cell, BRICK_END);
+        crossings[count] = span.length;
+        let n = self.count.min(ROOM - MOST_PARTS);
+        let end = n + count.next_multiple_of(WIDE);
+        let [x, y, z] = &mut self.at;
+        let places = self.offset[n..end].iter_mut().zip(&mut x[n..end]).zip(&mut y[n..end]).zip(&mut z[n..end]);
+        let ends = crossings[..end - n].iter().zip(&crossings[1..=end - n]);
+        for (((((offset, x), y), z), length), (before, here)) in places.zip(&mut self.length[n..end]).zip(ends) {
+            let middle = R::of(0.5) * (*before + *here);
+            let at = |t: R, a: usize| span.entry[a] + t * span.direction[a];
+            let (cell, within) = placed([at(middle, 0), at(middle, 1), at(middle, 2)]);
+            let half = *here - middle;
+            let end = |a: usize| (within[a] + half * span.direction[a]).greater(R::ZERO).lesser(R::ONE);
+            *offset = span.base as u32 + cell;
+            (*x, *y, *z) = (end(0), end(1), end(2));
+            *length = *here - *before;
+        }
+        self.share[n..end].fill(R::of(CELL_END));
+        self.roughness[0][n..end].fill(R::of(ONE_CELL));
+        self.roughness[1][n..end].fill(mixed);
+        self.count += count;
+        self.share[self.count - 1] = R::of(BRICK_END);
     }
 
     /// Appends nodes that divide the interval in a brick evenly.
@@ -216,16 +227,6 @@ impl<R: Real> Queue<R> {
         self.count / LANES
     }
 
-    /// Returns, of each of the first nodes, the offset of its cell, its coordinates there, and the roughness of its
-    /// brick.
-    #[inline(always)]
-    pub fn cells(&self, count: usize) -> impl Iterator<Item = (u32, [R; 3], [R; 2])> {
-        let ([axis, mixed], [x, y, z]) = (&self.roughness, &self.at);
-        let places = self.offset[..count.min(ROOM)].iter().zip(x).zip(y).zip(z);
-        let nodes = places.zip(axis).zip(mixed);
-        nodes.map(|(((((offset, x), y), z), axis), mixed)| (*offset, [*x, *y, *z], [*axis, *mixed]))
-    }
-
     /// Returns the positions of the first nodes, see [`Queue::share`].
     pub fn shares(&self, count: usize) -> &[R] {
         &self.share[..count.min(ROOM)]
@@ -238,14 +239,16 @@ impl<R: Real> Queue<R> {
             &all.as_chunks().0[..fours.min(FOURS)]
         }
         let [x, y, z] = self.at.each_ref().map(|at| some(at, fours));
+        let [axis, mixed] = self.roughness.each_ref().map(|roughness| some(roughness, fours));
         let (offset, length) = (some(&self.offset, fours), some(&self.length, fours));
-        let all = offset.iter().zip(x).zip(y).zip(z).zip(length);
+        let all = offset.iter().zip(x).zip(y).zip(z).zip(length).zip(axis).zip(mixed);
         all.map(
             #[inline(always)]
-            |((((offset, x), y), z), length)| Nodes {
+            |((((((offset, x), y), z), length), axis), mixed)| Nodes {
                 offset: *offset,
                 at: [x, y, z].map(|at| R::Lanes::load(*at)),
                 length: R::Lanes::load(*length),
+                roughness: [axis, mixed].map(|roughness| R::Lanes::load(*roughness)),
             },
         )
     }
@@ -307,13 +310,7 @@ impl<R: Real> Divided<R> {
     /// each. `direction` is the gain of index coordinates per world length, `before` the last node before them as
     /// [`Queue::share`] has it.
     #[inline(never)]
-    pub fn divide(
-        &mut self,
-        queue: &Queue<R>,
-        fours: usize,
-        parts: &[u8; SEGMENTS],
-        (direction, mut before): (DVec3, R),
-    ) {
+    pub fn divide(&mut self, queue: &Queue<R>, fours: usize, parts: &[u8; ROOM], (direction, mut before): (DVec3, R)) {
         let direction = direction.to_array().map(R::of);
         let first = self.pending.len();
         let mut chunk = self.spare.pop().unwrap_or_default();

@@ -9,14 +9,15 @@
 //! Derivatives are those of the computed value, as long as the number of nodes does not change; where the ray grazes
 //! faces, the terms of the faces are left out.
 
-use super::batch::ROOM;
-use super::nodes::{BRICK_END, CELL_END, Sites};
+use super::deviation::Deviations;
+use super::nodes::{BRICK_END, CELL_END, ROOM, Sites};
 use super::visit::{BatchGradient, Visit};
 use crate::math::Aabb;
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::render::index_ray_gradient::IndexRayGradient;
 use crate::render::march::{IndexRay, Span, spans};
+use crate::render::segment::slopes;
 use glam::DVec3;
 
 /// Derivatives of the loss with respect to one node.
@@ -24,8 +25,8 @@ use glam::DVec3;
 pub(super) struct NodeCotangent {
     /// Derivatives of the density with respect to index coordinates.
     slopes: DVec3,
-    /// Derivative of the loss with respect to the density.
-    by_density: f64,
+    /// Derivatives of the loss with respect to the node's index coordinates.
+    by_place: DVec3,
     /// Derivative of the loss with respect to the logarithm of the length of the segment that ends at the node.
     by_length: f64,
     /// World length of the segment that ends at the node.
@@ -38,28 +39,34 @@ pub(super) struct NodeCotangent {
 #[inline(never)]
 pub(super) fn note<R: Real>(
     cotangents: &mut Vec<NodeCotangent>,
-    values: &[R],
+    (values, deviations): (&[R], &Deviations<R>),
     visit: &Visit<R>,
     by: &BatchGradient<R>,
 ) {
     if let Some(last) = cotangents.last_mut() {
-        last.by_density += by.density[0].f64();
+        last.by_place += by.density[0].f64() * last.slopes;
     }
     let shares = visit.nodes.shares(visit.batch.count);
     // Padding repeats the node before it.
     let mut places = [0; ROOM];
-    for (n, (nodes, by_density)) in
-        visit.nodes.first(visit.fours).zip(by.density[1..].as_chunks::<LANES>().0).enumerate()
-    {
-        let (slopes, lengths) = (nodes.slopes(values).map(Lanes::store), nodes.length.store());
+    for (n, nodes) in visit.nodes.first(visit.fours).enumerate() {
+        let (corners, by_density) = (nodes.corners(values), &by.density[LANES * n + 1..]);
+        let vector = |lanes: [[R; LANES]; 3], i: usize| DVec3::from_array(lanes.map(|lane| lane[i].f64()));
+        let slopes = slopes(corners, nodes.at).map(Lanes::store);
+        let [by_first, by_second] = deviations.cubic(&nodes).by_ends(&corners).map(|end| end.map(Lanes::store));
+        let lengths = nodes.length.store();
         for i in 0..LANES {
             let (share, by_density) = (shares[LANES * n + i].f64(), by_density[i].f64());
+            let (slopes, length) = (vector(slopes, i), lengths[i].f64());
+            let by_deviation = by.deviation[LANES * n + i].f64();
             match cotangents.last_mut() {
-                Some(last) if share < 0.0 => last.by_density += by_density,
-                _ => {
-                    let slopes = DVec3::from_array(slopes.map(|s| s[i].f64()));
-                    let length = lengths[i].f64();
-                    cotangents.push(NodeCotangent { slopes, by_density, by_length: 0.0, length, share });
+                Some(last) if share < 0.0 => last.by_place += by_density * last.slopes,
+                before => {
+                    if let Some(before) = before {
+                        before.by_place += by_deviation * vector(by_first, i);
+                    }
+                    let by_place = by_density * slopes + by_deviation * vector(by_second, i);
+                    cotangents.push(NodeCotangent { slopes, by_place, by_length: 0.0, length, share });
                 }
             }
             places[LANES * n + i] = cotangents.len() - 1;
@@ -86,7 +93,7 @@ pub(super) fn follow<R: Real>(
             && let Some((first, rest)) = left.split_first()
         {
             left = rest;
-            let by = first.by_density * first.slopes;
+            let by = first.by_place;
             moved.shift += by;
             moved.turn += span.start * by;
             moved.add_face(ray.crossed(domain, span.start), span.start, by.dot(ray.direction()));
@@ -101,7 +108,7 @@ pub(super) fn follow<R: Real>(
             let (mut by_ends, length) = ([0.0; 2], end - begin);
             for node in nodes {
                 let share = node.share.min(CELL_END);
-                let (t, by) = (begin + share * length, node.by_density * node.slopes);
+                let (t, by) = (begin + share * length, node.by_place);
                 moved.shift += by;
                 moved.turn += t * by;
                 let along = by.dot(ray.direction());

@@ -50,7 +50,7 @@ const BEYOND: f64 = 1e6;
 impl<R: Real> Cumulative<R> {
     /// Creates the sums of a table whose extinctions are multiplied by `scale`; `tolerance` is the error allowed along
     /// a ray, in units of the brightest color.
-    pub fn new(table: &Table, scale: f64, tolerance: f64, curve: &Curve<R, 3>) -> Self {
+    pub fn new((table, scale): (&Table, f64), tolerance: f64, curve: &Curve<R, 3>, range: [f64; 2]) -> Self {
         let knots = table.knots();
         let (first, last) = (knots[0], knots[knots.len() - 1]);
         let rounded = |v: f64| R::of(v).f64();
@@ -82,7 +82,7 @@ impl<R: Real> Cumulative<R> {
         let brightest = table.peak()[..3].iter().fold(0.0, |m: f64, v| m.max(*v));
         // Of one color, all are mixed.
         let colorful = table.values().iter().any(|v| v[..3] != table.values()[0][..3]);
-        let variation = Variation::new(table, scale, brightest.max(f64::from(f32::MIN_POSITIVE)));
+        let variation = Variation::new(table, scale, brightest.max(f64::from(f32::MIN_POSITIVE)), range);
         let scale = (last - first).max(first.abs()).max(last.abs());
         let pieces: Vec<Piece<R>> = pieces.collect();
         Self {

@@ -7,8 +7,10 @@
 use super::super::adjoint::Pass;
 use super::super::tape::Tape;
 use super::super::{CompiledCurve, Dvr, Precision};
-use super::Preintegrated;
+use super::batch::at;
+use super::deviation::Deviations;
 use super::visit::{BatchGradient, Visit};
+use super::{Nodes, Preintegrated};
 use crate::dual::Dual;
 use crate::real::{LANES, Lanes, Real};
 use crate::render::differentiable::TangentRadiance;
@@ -26,14 +28,23 @@ impl<R: Real> VoxelSeeds<'_, R> {
     /// Adds the derivatives by the densities at a visit's nodes, and at the last node before them. No stored value's
     /// own derivative is needed: a density changes by the interpolated change of the stored values.
     #[inline(never)]
-    pub(super) fn add(&mut self, visit: &Visit<R>, before: Option<super::Nodes<R>>, by: &BatchGradient<R>) {
+    pub(super) fn add(
+        &mut self,
+        visit: &Visit<R>,
+        (before, deviations): (Option<Nodes<R>>, &Deviations<R>),
+        by: &BatchGradient<R>,
+    ) {
         for (seed, sum) in self.seeds.iter().zip(self.derivatives.iter_mut()) {
             let Some(seed) = seed else { continue };
-            for (nodes, by) in visit.nodes.first(visit.fours).zip(by.density[1..].as_chunks::<LANES>().0) {
-                *sum += (nodes.densities(seed) * R::Lanes::load(*by)).sum().f64();
+            for (n, nodes) in visit.nodes.first(visit.fours).enumerate() {
+                let (corners, i) = (nodes.corners(seed), LANES * n);
+                let deviation = deviations.cubic(&nodes).deviation(&corners);
+                let along = nodes.densities(&corners) * at(&by.density, i + 1) + deviation * at(&by.deviation, i);
+                *sum += along.sum().f64();
             }
             if let Some(nodes) = before {
-                *sum += (nodes.densities(seed) * R::Lanes::ZERO.before(by.density[0])).sum().f64();
+                let density = nodes.densities(&nodes.corners(seed));
+                *sum += (density * R::Lanes::ZERO.before(by.density[0])).sum().f64();
             }
         }
     }

@@ -1,8 +1,8 @@
 //! Nodes that are visited together, and the derivatives with respect to the segments between them.
 
-use super::batch::{ROOM, SegmentBatch};
+use super::batch::SegmentBatch;
 use super::front::Front;
-use super::nodes::Queue;
+use super::nodes::{Queue, ROOM};
 use crate::real::Real;
 
 /// Nodes that were visited together, and the segments that end at them.
@@ -46,13 +46,15 @@ pub(super) struct BatchGradient<R> {
     pub(super) extinction: [R; ROOM],
     pub(super) depth: [R; ROOM],
     pub(super) light: [R; ROOM],
-    /// Source at the segments' ends; `slopes` are those of source and extinction with the density.
+    /// Source at the segments' ends, and its slope with the density.
     pub(super) source: [R; ROOM + 1],
-    pub(super) slopes: [[R; ROOM + 1]; 2],
+    pub(super) source_slope: [R; ROOM + 1],
     /// Derivatives with respect to the densities at the ends. `incoming` first holds the radiance that arrives from
     /// behind each segment, then the derivatives from the segments that end there alone.
     pub(super) density: [R; ROOM + 1],
     pub(super) incoming: [R; ROOM + 1],
+    /// Derivatives with respect to the mean deviations of the densities.
+    pub(super) deviation: [R; ROOM],
 }
 
 impl<R> BatchGradient<R> {
@@ -74,9 +76,10 @@ impl<R: Real> Default for BatchGradient<R> {
             depth: segment,
             light: segment,
             source: ends,
-            slopes: [ends; 2],
+            source_slope: ends,
             density: ends,
             incoming: ends,
+            deviation: segment,
         }
     }
 }
