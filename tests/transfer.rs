@@ -435,6 +435,38 @@ fn stated_errors_hold_for_random_functions_of_random_fields() {
     );
 }
 
+/// What pre-integration states holds where rounding and points of the function meet: densities that lie at its last
+/// point with dips below them, as in clipped data, and densities far larger than all points.
+#[test]
+fn stated_errors_hold_at_the_ends_of_functions() {
+    let function = |count: usize, range: f64, value: &dyn Fn(usize) -> [f64; 4]| {
+        let knots = (0..count).map(|k| range * k as f64 / (count - 1) as f64).collect();
+        Source::Transfer(Arc::new(Table::new(knots, (0..count).map(value).collect()).unwrap()))
+    };
+    let clipped = function(41, 1.0, &|k| [1.0, 1.0, 1.0, if k == 40 { 0.0 } else { 2.0 + (k % 2) as f64 }]);
+    let fine = function(512, 0.01, &|k| [noise(k as u64), noise(600 + k as u64), 0.5, 0.1 * noise(1200 + k as u64)]);
+    let dipped = |p: DVec3| if p == DVec3::splat(5.0) { 0.5 } else { 1.0 };
+    let large = |p: DVec3| (4000.0 * (noise((p.x * 400.0 + p.y * 20.0 + p.z) as u64) - 0.5)).max(0.0);
+    let cases: [(Source, &dyn Fn(DVec3) -> f64); 2] = [(clipped, &dipped), (fine, &large)];
+    for (source, value) in cases {
+        let (mut wide, mut narrow) = (field::<f64>(12, unit(), value), field::<f32>(12, unit(), value));
+        wide.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(11.0) };
+        narrow.domain = wide.domain;
+        let (wide, narrow) = (wide.filled(1 << 30).unwrap(), narrow.filled(1 << 30).unwrap());
+        let medium = Medium::new(1.0, source);
+        for tolerance in [1e-1, 1e-2, 1e-3] {
+            let rule = Quadrature::Preintegrated(tolerance);
+            let rendered = dvr(&narrow, medium.clone(), rule);
+            for ray in rays(wide.world_bounds(), 200, 3) {
+                let exact = dvr(&wide, medium.clone(), Quadrature::Exact).pixel(&ray).rgba();
+                let seen = rendered.pixel(&ray).rgba().map(f64::from);
+                let error = (0..4).map(|c| (seen[c] - exact[c]).abs()).fold(0.0, f64::max);
+                assert!(error < tolerance, "{rule}: {seen:?} for {exact:?}, {:?}", medium.source);
+            }
+        }
+    }
+}
+
 /// Gradients are those of the computed value, for every rule on every draw, where the value is smooth: two central
 /// differences of different widths agree. (At a knot, and where pre-integration begins to divide a segment, none is.)
 #[test]

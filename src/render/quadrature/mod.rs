@@ -60,7 +60,7 @@ impl Quadrature {
     pub const COARSE: Self = Self::Preintegrated(1e-1);
 
     /// Returns the default rule of a source: pre-integration through a transfer function of many knots, else exact
-    /// quadrature, which is faster then. Knots on a line between others do not count.
+    /// quadrature, which costs little more then. Knots on a line between others do not count.
     pub fn usual(source: &Source) -> Self {
         match source {
             Source::Transfer(table) if table.simplified(0.0).knots().len() > FEW_KNOTS => Self::PREINTEGRATED,

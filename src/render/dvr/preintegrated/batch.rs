@@ -60,7 +60,9 @@ pub(super) struct SegmentBatch<R: Real> {
     pub slopes: [Ends<R>; 4],
     /// World lengths of the segments.
     pub length: Segment<R>,
-    /// How far the densities may lie below and above the line, see [`Deviation`].
+    /// Rounding of the densities at the segments' ends, see [`Deviation`].
+    pub noise: Ends<R>,
+    /// How far the densities may lie below and above the line.
     pub below: Segment<R>,
     pub above: Segment<R>,
     /// Mean deviations δ that the means are corrected by, and 1; 0 and 0 where they are not.
@@ -92,6 +94,7 @@ impl<R: Real> Default for SegmentBatch<R> {
             slopes: [ends; 4],
             length: segment,
             below: segment,
+            noise: ends,
             above: segment,
             deviation: segment,
             corrected: segment,
@@ -115,6 +118,7 @@ impl<R: Real> SegmentBatch<R> {
         self.length[n..n + LANES].copy_from_slice(&length.store());
         self.below[n..n + LANES].copy_from_slice(&deviation.below.store());
         self.above[n..n + LANES].copy_from_slice(&deviation.above.store());
+        self.noise[n + 1..n + 1 + LANES].copy_from_slice(&deviation.noise.store());
         self.deviation[n..n + LANES].copy_from_slice(&deviation.mean.store());
         self.corrected[n..n + LANES].copy_from_slice(&deviation.within.store());
     }

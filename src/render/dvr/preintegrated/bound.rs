@@ -30,6 +30,8 @@ const MOST_LEVELS: u8 = 3;
 /// The error of a mean that is corrected, per variation of the slope and largest deviation, that is made by the slope's
 /// following the deviation; see [`super::variation`].
 const FOLLOWS: f64 = 0.13;
+/// Share of the difference of a segment's densities up to which their rounding is left out.
+const BLURRED: f64 = 1e-3;
 /// More than any error.
 const NO_BOUND: f64 = 1e30;
 
@@ -100,7 +102,8 @@ impl<R: Real> SegmentBatch<R> {
         for n in (0..count).step_by(LANES) {
             let n = n.min(ROOM - LANES);
             let (a, b) = (at(&self.density, n), at(&self.density, n + 1));
-            let (low, high) = (a.lesser(b) - at(&self.below, n), a.greater(b) + at(&self.above, n));
+            let noise = at(&self.noise, n).greater(at(&self.noise, n + 1));
+            let (low, high) = (a.lesser(b) - at(&self.below, n) - noise, a.greater(b) + at(&self.above, n) + noise);
             let varied = tables.variation.between(low, high);
             let errors = &mut self.errors;
             errors.extinction[n..n + LANES].copy_from_slice(&varied.extinction.store());
@@ -118,31 +121,41 @@ impl<R: Real> SegmentBatch<R> {
     #[inline(always)]
     fn bound_depths(&mut self, tables: &Cumulative<R>) {
         let abs = |v: R| v.greater(-v);
-        let (half, same, steepest) = (R::of(0.5), tables.same, tables.variation.steepest);
+        let (half, same, [steepest, steepest_shift]) = (R::of(0.5), tables.same, tables.variation.steepest);
         let errors = &mut self.errors;
         for i in 0..self.count.min(ROOM) {
             let length = self.length[i];
-            let inverse = R::ONE / abs(self.density[i + 1] - self.density[i]).greater(same);
+            let width = abs(self.density[i + 1] - self.density[i]);
+            let inverse = R::ONE / width.greater(same);
             let (below, above) = (self.below[i], self.above[i]);
             let farthest = below.greater(above);
             // Without the correction by the mean deviation: the variation of the function. A correction may be wrong by
             // all that it is.
             let correction = abs(self.deviation[i]);
             let turned = correction * inverse;
-            let share = ((below + above) * inverse).lesser(R::ONE) + turned;
-            let first = (errors.extinction[i] * share).lesser((farthest + correction) * steepest);
+            // Between densities that count as equal, of different pieces, the function may be anything that it is there.
+            let unknown = (self.piece[i] != self.piece[i + 1]) & (width <= same);
+            let (least, reach) = if unknown { (R::ONE, width) } else { (R::ZERO, R::ZERO) };
+            let share = ((below + above) * inverse).lesser(R::ONE).greater(least) + turned;
+            let first = (errors.extinction[i] * share).lesser((farthest + correction + reach) * steepest);
             // With it: the variation of the function's slope.
             let around = farthest.lesser(half * (below * below + above * above) * inverse);
             let second = R::of(FOLLOWS) * farthest + around;
             let none = if self.corrected[i] > R::ZERO { errors.steps[i] } else { R::ONE } * R::of(NO_BOUND);
-            let off = length * first.lesser(second * errors.extinction_slope[i] + none);
+            // What the ends' rounding may move, where it is not small beside the difference of the densities.
+            let rounded = self.noise[i] + self.noise[i + 1];
+            let blurred = (rounded * inverse).lesser(R::ONE);
+            let blurred = if blurred > R::of(BLURRED) { blurred } else { R::ZERO };
+            let moved = (errors.extinction[i] * blurred).lesser(rounded * steepest);
+            let shifted = (errors.shift[i] * blurred).lesser(rounded * steepest_shift);
+            let off = length * (first.lesser(second * errors.extinction_slope[i] + none) + moved);
             errors.depth[i] = off;
             // The mean color is between those at hand, but for the correction, and moves by what it is made of.
             let color = errors.color[i];
             let beside = if correction > R::ZERO { length * first * color } else { R::ZERO };
             let by_first = length * errors.shift[i] * share + off.lesser(R::ONE) * color + beside;
             let by_second = length * second * errors.emitted_slope[i] + off + none;
-            errors.light[i] = by_first.lesser(by_second);
+            errors.light[i] = by_first.lesser(by_second) + length * shifted;
             let ends = (self.values[3][i] + self.values[3][i + 1]) / self.mean[3][i].greater(R::of(1e-30));
             errors.range[i] = color + color * turned * ends;
         }

@@ -28,6 +28,8 @@ pub(super) struct Deviation<R: Real> {
     pub mean: R::Lanes,
     /// 1 for segments in one cell, else 0.
     pub within: R::Lanes,
+    /// Rounding of the interpolated densities: next to a large value there are no exact small ones.
+    pub noise: R::Lanes,
 }
 
 /// Distances along a ray, as far as they determine deviations.
@@ -78,7 +80,10 @@ impl<R: Real> Deviations<R> {
         let eighth = within * all(R::of(0.125));
         let side = |a: R::Lanes, b: R::Lanes| eighth * a.greater(b).greater(R::Lanes::ZERO) + beyond;
         let mean = within * Cubic::<R>::mean([begin, end]);
-        Deviation { below: side(begin, end), above: side(-begin, -end), mean, within }
+        let [near, far] = corners;
+        let larger = |i: usize| near[i].abs().greater(far[i].abs());
+        let noise = all(R::EPSILON) * larger(0).greater(larger(1)).greater(larger(2).greater(larger(3)));
+        Deviation { below: side(begin, end), above: side(-begin, -end), mean, within, noise }
     }
 
     /// Returns the cubics along the segments that end at four nodes, each in the cell of its node.

@@ -22,8 +22,9 @@ pub(super) struct Front<'a, R: Real> {
     limit: f64,
     pub deviations: Deviations<R>,
     budget: Budget,
-    /// Offset of the cell of the last node.
+    /// Offset of the cell of the last node, and rounding of the density there.
     cell: u32,
+    noise: R,
     last: End<R>,
     /// Position of the last node in its interval, as nodes have it.
     share: R,
@@ -53,6 +54,7 @@ impl<'a, R: Real> Front<'a, R> {
             deviations: Deviations::new(ray.direction()),
             budget: Budget::new(attempt),
             cell: u32::MAX,
+            noise: R::ZERO,
             last: tables.zero,
             share: R::of(BRICK_END),
             depth: 0.0,
@@ -111,6 +113,7 @@ impl<'a, R: Real> Front<'a, R> {
     fn try_add(&mut self, values: &[R], queue: &Queue<R>, fours: usize, batch: &mut SegmentBatch<R>) -> bool {
         batch.count = LANES * fours.min(FOURS);
         let mut cell = self.cell;
+        batch.noise[0] = self.noise;
         for (n, nodes) in queue.first(fours).enumerate() {
             let corners = nodes.corners(values);
             let deviation = self.deviations.of(&nodes, &corners, cell);
@@ -126,6 +129,7 @@ impl<'a, R: Real> Front<'a, R> {
         let shares = queue.shares(batch.count);
         self.share = shares.iter().rev().find(|share| **share >= R::ZERO).copied().unwrap_or(self.share);
         (self.last, self.cell, self.transmittance) = (last, cell, transmittance);
+        self.noise = batch.noise[batch.count];
         let (radiance, depth) = batch.blend();
         for c in 0..3 {
             self.emitted[c] += radiance[c];

@@ -76,7 +76,8 @@ const ENOUGH: usize = 32;
 /// Divisor of the number of nodes that are visited together, the lanes of the widest vectors: no remainder is left for
 /// slower loops.
 pub(super) const WIDE: usize = 8;
-/// Capacity of a queue in nodes, and of a batch in segments: nearly a visit, a gap's node, a brick's nodes, and padding that is written past them.
+/// Capacity of a queue in nodes, and of a batch in segments: nearly a visit, a gap's node, a brick's nodes, and padding
+/// that is written past them.
 pub(super) const ROOM: usize = (ENOUGH + 1 + MOST_PARTS + LANES).next_multiple_of(WIDE);
 /// Mark of a segment in one cell, in [`Queue::roughness`].
 pub(super) const ONE_CELL: f64 = -1.0;

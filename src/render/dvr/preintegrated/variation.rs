@@ -10,7 +10,7 @@
 //! distances to both sides; and `f'(u)` follows `x - u` by at most half of W times the mean of `|x - u - δ|`, which for
 //! a cubic is at most `0.257 e`.
 
-use crate::real::{LANES, Lanes, Real};
+use crate::real::{Lanes, Real};
 use crate::scene::table::Table;
 
 /// Bins of a table, and bins per knot if these are more.
@@ -37,16 +37,20 @@ pub(super) struct Varied<R: Real> {
     pub steps: R::Lanes,
 }
 
+/// Relative error of interpolated densities.
+const ROUNDED: f64 = 1e-6;
 /// Numbers of lanes by which variations are added up.
 const KINDS: usize = 6;
 
 /// Cumulative total variation of a transfer function over the density.
 #[derive(Debug, Clone)]
 pub(super) struct Variation<R: Real> {
-    /// Variations up to the edges of bins, which divide the range of the knots evenly.
-    edges: Vec<[R::Lanes; 2]>,
-    /// Steepest slope of the extinction; infinite at a step.
-    pub steepest: R,
+    /// Variations up to the edges of bins, which divide the range of the knots evenly; in double precision, since next to
+    /// a needle of the function nothing would be left of the others.
+    edges: Vec<[f64; KINDS]>,
+    /// Steepest slope of the extinction, and largest product of the extinction and the color's slope; infinite at a
+    /// step.
+    pub steepest: [R; 2],
     first: R,
     bins_per_density: R,
 }
@@ -63,7 +67,7 @@ impl<R: Real> Variation<R> {
         let first = if range > 0.0 { first } else { first - 0.5 * width };
         let mut added = vec![[0.0; KINDS]; count];
         let bin_of = |density: f64| (((density - first) / width).max(0.0) as usize).min(count - 1);
-        let mut steepest = 0.0_f64;
+        let mut steepest = [0.0_f64; 2];
         // Slopes of extinction, and of extinction times color, where the piece before ends.
         let mut before = [0.0; 4];
         for piece in 1..=knots.len() {
@@ -77,7 +81,7 @@ impl<R: Real> Variation<R> {
                 let step = [change, extinctions[0].max(extinctions[1]) * color, color];
                 (0..3).for_each(|c| bin[c] += step[c]);
                 bin[5] += 1.0;
-                steepest = f64::INFINITY;
+                steepest = [f64::INFINITY; 2];
                 continue;
             }
             // Slopes at both ends of the piece; none beyond the knots.
@@ -89,8 +93,10 @@ impl<R: Real> Variation<R> {
             };
             let [near, far] = [slope(&a), slope(&b)];
             let most = |a: &[f64; 4], b: &[f64; 4]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f64::max);
-            // Slopes differ on both sides of a knot; of none that all densities lie beside.
-            if densities[0] < low && low < densities[1] {
+            // Slopes differ on both sides of a knot; of none that all densities lie beside, rounded as they are. A density
+            // at the knot itself counts as above it.
+            let slack = ROUNDED * low.abs();
+            if densities[0] < low + slack && low <= densities[1] + slack {
                 let kink = &mut added[bin_of(low)];
                 kink[3] += (near[3] - before[3]).abs();
                 kink[4] += most(&near, &before);
@@ -99,9 +105,10 @@ impl<R: Real> Variation<R> {
             if !inner {
                 break;
             }
-            steepest = steepest.max(near[3].abs());
             let color = (0..3).map(|c| (b[c] - a[c]).abs()).fold(0.0, f64::max) / brightest;
             let change = (extinctions[1] - extinctions[0]).abs();
+            let shift = extinctions[0].max(extinctions[1]) * color;
+            steepest = [(steepest[0], change), (steepest[1], shift)].map(|(most, by)| most.max(by / (high - low)));
             for (bin, added) in added.iter_mut().enumerate().take(bin_of(high) + 1).skip(bin_of(low)) {
                 let from = low.max(first + bin as f64 * width);
                 let to = high.min(first + (bin + 1) as f64 * width);
@@ -117,16 +124,12 @@ impl<R: Real> Variation<R> {
             }
         }
         let mut sum = [0.0; KINDS];
-        let lanes = |[a, b, c, d, e, f]: [f64; KINDS]| {
-            let load = |four: [f64; LANES]| R::Lanes::load(four.map(R::of));
-            [load([a, b, c, 0.0]), load([d, e, f, 0.0])]
-        };
-        let mut edges = vec![lanes(sum)];
+        let mut edges = vec![sum];
         for added in added {
             (0..KINDS).for_each(|c| sum[c] += added[c]);
-            edges.push(lanes(sum));
+            edges.push(sum);
         }
-        let steepest = R::of(steepest.min(f64::from(f32::MAX)));
+        let steepest = steepest.map(|most| R::of(most.min(f64::from(f32::MAX))));
         Self { edges, steepest, first: R::of(first), bins_per_density: R::of(1.0 / width) }
     }
 
@@ -145,8 +148,10 @@ impl<R: Real> Variation<R> {
         let most = self.edges.len() - 1;
         let at = |edge: R| &self.edges[(edge.low_bits() as usize).min(most)];
         let pair = |i: usize| {
-            let ([a, b], [c, d]) = (at(below[i]), at(above[i]));
-            (*c - *a, *d - *b)
+            let (from, to) = (at(below[i]), at(above[i]));
+            let apart = |c: usize| R::of(to[c] - from[c]);
+            let functions = R::Lanes::load([apart(0), apart(1), apart(2), R::ZERO]);
+            (functions, R::Lanes::load([apart(3), apart(4), apart(5), R::ZERO]))
         };
         let ((a, e), (b, f), (c, g), (d, h)) = (pair(0), pair(1), pair(2), pair(3));
         let [extinction, shift, color, _] = R::Lanes::transpose([a, b, c, d]);
