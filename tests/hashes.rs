@@ -46,7 +46,7 @@ const KNOWN: &[(&str, &str)] = &[
     ("by density, preintegrated", "86747066b74e00d6"),
     ("by density, preintegrated replay", "86747066b74e00d6"),
     ("by density, pre-shaded", "417d14591d8b12a3"),
-    ("derivatives backward", "bbeddae5f06f0161"),
+    ("derivatives backward", "a8a33fc8228c2f36"),
     ("derivatives forward", "9fccf205ef02598f"),
     ("derivatives by step", "71156b0379d7f9ec"),
     ("derivatives preintegrated", "58b3cfbbe97bb1d1"),

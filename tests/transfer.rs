@@ -454,6 +454,11 @@ fn stated_errors_hold_at_the_ends_of_functions() {
         narrow.domain = wide.domain;
         let (wide, narrow) = (wide.filled(1 << 30).unwrap(), narrow.filled(1 << 30).unwrap());
         let medium = Medium::new(1.0, source);
+        // Exact quadrature does not extrapolate a color: light is at most the brightest's.
+        for ray in rays(wide.world_bounds(), 200, 3) {
+            let seen = dvr(&narrow, medium.clone(), Quadrature::Exact).pixel(&ray).rgba().map(f64::from);
+            assert!(seen.iter().all(|v| (-1e-6..1.0 + 1e-6).contains(v)), "{seen:?}, {:?}", medium.source);
+        }
         for tolerance in [1e-1, 1e-2, 1e-3] {
             let rule = Quadrature::Preintegrated(tolerance);
             let rendered = dvr(&narrow, medium.clone(), rule);

@@ -138,6 +138,8 @@ impl<R: Real, const C: usize> Cutter<'_, R, C> {
         let mut halvings_left = MOST_HALVINGS;
         while length > R::ZERO {
             let mut chord = cell.chord(self.values, start, length, piece);
+            // What rounding puts beyond the piece would be extrapolated, along lines that may be as steep as a needle's.
+            chord.density = chord.density.clamped(line.low, line.high);
             let measure = Measure::new(chord.density.store().map(all), all(length), [line; LANES]);
             let error = measure.error.store()[0];
             if error > R::of(self.rule.tolerance) * self.depth.exp() && halvings_left > 0 {
