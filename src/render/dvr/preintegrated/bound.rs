@@ -35,7 +35,7 @@ const BLURRED: f64 = 1e-3;
 /// More than any error.
 const NO_BOUND: f64 = 1e30;
 
-/// What of the error that a ray's nodes may cause is used up.
+/// The bound of the error that a ray's nodes have caused so far, and the attempt that decides what they may.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Budget {
     /// Bound of the error so far, in units of the brightest radiance.
@@ -141,7 +141,8 @@ impl<R: Real> SegmentBatch<R> {
             // With it: the variation of the function's slope.
             let around = farthest.lesser(half * (below * below + above * above) * inverse);
             let second = R::of(FOLLOWS) * farthest + around;
-            let none = if self.corrected[i] > R::ZERO { errors.steps[i] } else { R::ONE } * R::of(NO_BOUND);
+            let steps = if self.corrected[i] > R::ZERO { errors.steps[i] } else { R::ONE };
+            let none = steps * R::of(NO_BOUND);
             // What the ends' rounding may move, where it is not small beside the difference of the densities.
             let rounded = self.noise[i] + self.noise[i + 1];
             let blurred = (rounded * inverse).lesser(R::ONE);

@@ -9,7 +9,7 @@ type Segment<R> = [R; ROOM];
 /// Errors of a batch's segments.
 #[derive(Debug, Clone)]
 pub(super) struct Errors<R> {
-    /// Bounds of the errors, and the parts of them that are in proportion to the light that segments absorb.
+    /// Bounds of the errors, and what the segments may use by the light that they absorb.
     pub error: Segment<R>,
     pub allowed: Segment<R>,
     /// Variations of the function where the segments' densities may lie, as [`Varied`](super::variation::Varied) has them.
