@@ -49,14 +49,14 @@ KILLS ?= 200
 
 fuzz: ## ten thousand damaged inputs through every command that reads them; every command that writes killed two hundred times
 	python/setup.sh build
-	FUZZ_INPUTS=$(FUZZ_INPUTS) cargo test --release --locked --test fuzz -- --nocapture
-	CUMULO_KILLS=$(KILLS) cargo test --release --locked --test killed -- --nocapture
+	FUZZ_INPUTS=$(FUZZ_INPUTS) cargo test --release --locked --test process fuzz:: -- --nocapture
+	CUMULO_KILLS=$(KILLS) cargo test --release --locked --test process killed:: -- --nocapture
 
 SOAK_SECONDS ?= 600
 
 soak: ## random hard scenes, path-traced for ten minutes
 	python/setup.sh build
-	SOAK_SECONDS=$(SOAK_SECONDS) cargo test --release --locked --test soak -- --nocapture
+	SOAK_SECONDS=$(SOAK_SECONDS) cargo test --release --locked --test process soak:: -- --nocapture
 
 check: ## what is worth seeing before each commit; under three minutes once built
 	python/setup.sh build

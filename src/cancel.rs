@@ -22,6 +22,12 @@ impl Cancel {
         self.0
     }
 
+    /// The underlying flag, for code that polls an [`AtomicBool`]; one that is never set for [`Cancel::NEVER`].
+    pub fn polled(self) -> &'static AtomicBool {
+        static NEVER: AtomicBool = AtomicBool::new(false);
+        self.0.unwrap_or(&NEVER)
+    }
+
     /// True once the computation has been asked to stop.
     #[inline]
     pub fn requested(self) -> bool {

@@ -1,8 +1,11 @@
 //! The crate's error type.
 //! An error says where the fault lies (file, grid or layer), what was found, what was expected and what to do about it;
-//! the command line turns it into exit code 2.
+//! the command line turns it into exit code 2. It names settings in brackets of their own; what is displayed has the
+//! words of the process's face ([`crate::wording`]).
 
 use crate::text::printable;
+use crate::wording::worded;
+use std::borrow::Cow;
 use std::fmt;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -128,8 +131,8 @@ impl Error {
         self.0.source.as_ref().and_then(std::io::Error::raw_os_error)
     }
     /// Message without file, place and hint.
-    pub fn what(&self) -> &str {
-        &self.0.what
+    pub fn what(&self) -> Cow<'_, str> {
+        worded(&self.0.what)
     }
     /// File in which the error happened, if one was named.
     pub fn path(&self) -> Option<&Path> {
@@ -142,12 +145,13 @@ impl Error {
     /// Advice to the user.
     /// Without a hint, errors of the operating system and of the native library get one by their kind; other kinds have
     /// none.
-    pub fn remedy(&self) -> Option<&str> {
-        self.0.hint.as_deref().or_else(|| match self.0.kind {
+    pub fn remedy(&self) -> Option<Cow<'_, str>> {
+        let hint = self.0.hint.as_deref().or_else(|| match self.0.kind {
             Kind::Io => Some(self.0.source.as_ref().map_or(TRY_AGAIN, io_remedy)),
             Kind::Native => Some("the file may be damaged or of a newer kind: write it again where it was made"),
             Kind::Unsupported | Kind::Invalid | Kind::Cancelled => None,
-        })
+        });
+        hint.map(worded)
     }
 }
 
@@ -185,9 +189,9 @@ impl fmt::Display for Error {
         if let Some(part) = &e.part {
             write!(f, "{}: ", printable(part))?;
         }
-        f.write_str(&printable(&e.what))?;
+        f.write_str(&printable(&self.what()))?;
         if let Some(hint) = self.remedy() {
-            write!(f, "\n  {}", printable(hint))?;
+            write!(f, "\n  {}", printable(&hint))?;
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 //! | page | what it answers |
 //! |---|---|
 //! | [Getting started](getting_started) | How do I install Cumulo, and what does a first reconstruction look like? |
-//! | [Five paths](paths) | How do I get from a smoke, a scan, a Blender scene, photographs or a script to what I want? |
+//! | [Five paths](paths) | How do I get from a smoke, a scan, a scene, photographs or a script to what I want? |
 //! | [Looking](looking) | How do I see what is in a file, and write a single picture? |
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
 //! | [Blender](blender) | How do I get from a Blender scene to a render, a capture, a reconstruction, and back? |
@@ -19,11 +19,11 @@
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
 //! | [A loss of your own](own_loss) | How do I differentiate a loss that I write in NumPy or PyTorch? |
 //! | [Accuracy and cost](accuracy_and_cost) | What does accuracy cost in time and memory? |
-//! | [Scripts](shell) | How do I work on sequences, read exit codes and JSON, and check renders in continuous integration? |
+//! | [Scripts](shell) | How do I work on sequences, read exit codes and JSON, and check renders in a pipeline? |
 //! | [Python](python) | How do I call it from Python, and test renders with pytest? |
 //! | [Library](library) | How do I call all of this from Rust? |
 //!
-//! Every command on these pages runs in the test `tests/guide.rs`.
+//! Every command on these pages runs in the test `tests/cli/guide.rs`.
 
 #[doc = include_str!("guide/accuracy-and-cost.md")]
 pub mod accuracy_and_cost {}

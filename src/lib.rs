@@ -1,11 +1,12 @@
 //! Cumulo: volumetric assets between OpenVDB, Blender, USD and EXR, with differentiable volume rendering.
 //!
 //! ```text
-//! formats ──▶ scene ──▶ render ──▶ optimise, plan, metrics ──▶ report ──▶ cli
+//! formats ──▶ scene ──▶ render ──▶ plan, differentiate ──▶ inverse ──▶ app ──▶ cli
 //! ```
-//! Data flows along the arrows: `scene` knows no file format, and `optimise` knows renderers through
-//! [`Differentiable`](render::differentiable::Differentiable); `denoise`, `formats`, `metrics` and `report` know no renderer. Only [`render::tiles`] distributes rays and pixels
-//! over threads.
+//! Data flows along the arrows: `scene` knows no file format, `differentiate` and `inverse` know renderers through
+//! [`Differentiable`](render::differentiable::Differentiable), and `differentiate` does not know what `inverse` asks
+//! its gradients for; `denoise`, `formats`, `metrics` and `report` know no renderer. Only [`render::tiles`] distributes
+//! rays and pixels over threads. [`app`] holds the use cases, which know no command line.
 //!
 //! # Conventions
 //! - World space is right-handed, in the VDB's world units. Extinction is per world unit of length.
@@ -15,17 +16,19 @@
 //!   attenuated background: over black it is premultiplied in the usual sense.
 //! - A name `by_x` is a derivative of the loss with respect to x.
 
+pub mod app;
 pub mod arch;
 pub mod cancel;
 pub mod cli;
 pub mod denoise;
+pub mod differentiate;
 pub mod dual;
 pub mod error;
 pub mod formats;
 pub mod guide;
+pub mod inverse;
 pub mod math;
 pub mod metrics;
-pub mod optimise;
 pub mod ordered;
 pub mod plan;
 pub mod process;
@@ -34,5 +37,6 @@ pub mod render;
 pub mod report;
 pub mod scene;
 pub mod text;
+pub mod wording;
 
 pub use error::{Error, Result};

@@ -20,6 +20,9 @@ static ALLOWED: AtomicU64 = AtomicU64::new(0);
 /// Memory in bytes that work of any size takes beside what the process has when it begins.
 const WORK: u64 = 48 << 20;
 
+/// Advice to those whose work needs more memory than is allowed.
+static REMEDY: OnceLock<&'static str> = OnceLock::new();
+
 /// Returns the least limit in bytes that the process can keep to: stacks of its threads are part of what it has taken.
 pub fn least_memory() -> u64 {
     LEAST.max(taken().saturating_add(WORK))
@@ -27,8 +30,9 @@ pub fn least_memory() -> u64 {
 
 /// Limits the private memory of the whole process to about `bytes`, the native library included (`RLIMIT_DATA`).
 /// An allocation beyond the limit fails: OpenVDB throws, and [`Allocator`] ends the program with an error message.
-/// Systems without such a limit are left as they are.
-pub fn limit_memory(bytes: u64) {
+/// Systems without such a limit are left as they are. The message ends with `remedy`.
+pub fn limit_memory(bytes: u64, remedy: &'static str) {
+    let _ = REMEDY.set(remedy);
     ALLOWED.store(bytes, Ordering::Relaxed);
     let before = getrlimit(Resource::Data);
     // Memory taken before the work began is added, up to an eighth of the limit.
@@ -112,7 +116,7 @@ fn exhausted(size: usize) -> ! {
             0 => String::new(),
             bytes => format!(", {} MiB are allowed in all", bytes >> 20),
         };
-        (format!("out of memory: {size} bytes more are needed{allowed}"), SMALLER)
+        (format!("out of memory: {size} bytes more are needed{allowed}"), smaller())
     })
 }
 
@@ -120,12 +124,15 @@ fn exhausted(size: usize) -> ! {
 pub fn abandon(what: &str) -> ! {
     // A thread whose stack finds no room wants memory, too.
     let memory = what == "out of memory" || what.contains("pthread_create");
-    let remedy = if memory { SMALLER } else { "the file may be damaged; export it again" };
+    let remedy = if memory { smaller() } else { "the file may be damaged; export it again" };
     end(|| (format!("OpenVDB: {what}"), remedy))
 }
 
-const SMALLER: &str = "raise --max-memory, or give smaller inputs: fewer or smaller pictures, a volume that was cropped or \
-                       resampled";
+/// Returns the advice to those whose work needs more memory than is allowed. It is no text with settings to be named:
+/// naming them takes memory, and may be what failed.
+fn smaller() -> &'static str {
+    REMEDY.get().copied().unwrap_or("give smaller inputs: fewer or smaller pictures, a volume that was cropped")
+}
 
 /// Prints an error message that names the file being read, and ends the program with exit code 2.
 fn end(what: impl FnOnce() -> (String, &'static str)) -> ! {

@@ -7,6 +7,46 @@
 use std::borrow::Cow;
 use std::fmt::Write;
 
+/// Has a type serialised as the text that its `Display` writes and its `FromStr` reads.
+macro_rules! serde_as_text {
+    ($kind:ty) => {
+        impl serde::Serialize for $kind {
+            fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.collect_str(self)
+            }
+        }
+
+        impl<'de> serde::Deserialize<'de> for $kind {
+            fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let text = <std::borrow::Cow<'de, str> as serde::Deserialize>::deserialize(deserializer)?;
+                text.parse().map_err(serde::de::Error::custom)
+            }
+        }
+    };
+}
+pub(crate) use serde_as_text;
+
+/// Formats a number of bytes in B, KiB, MiB or GiB.
+pub fn bytes(count: u64) -> String {
+    let mut size = count as f64;
+    for unit in ["B", "KiB", "MiB"] {
+        if size < 1024.0 {
+            return if unit == "B" { format!("{count} B") } else { format!("{size:.1} {unit}") };
+        }
+        size /= 1024.0;
+    }
+    format!("{size:.2} GiB")
+}
+
+/// Quotes a word of a command line for a shell, if it needs quotes.
+pub fn shell_quoted(word: &str) -> Cow<'_, str> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+%@".contains(c);
+    match !word.is_empty() && word.chars().all(plain) {
+        true => Cow::Borrowed(word),
+        false => Cow::Owned(format!("'{}'", word.replace('\'', r"'\''"))),
+    }
+}
+
 /// True for characters that act on a terminal or reorder the text around them instead of being shown: control
 /// characters (C0, DEL and C1), Unicode's bidirectional marks, embeddings, overrides and isolates, its line and
 /// paragraph separators, and its invisible tags.
@@ -114,5 +154,13 @@ mod tests {
     fn runs_are_ranges() {
         assert_eq!(ranges([1, 2, 3, 7, 9, 10]), "1-3, 7, 9-10");
         assert_eq!(ranges([]), "");
+    }
+
+    #[test]
+    fn words_survive_a_shell() {
+        assert_eq!(shell_quoted("a/b.vdb"), "a/b.vdb");
+        assert_eq!(shell_quoted("a b"), "'a b'");
+        assert_eq!(shell_quoted("it's"), r"'it'\''s'");
+        assert_eq!(shell_quoted(""), "''");
     }
 }

@@ -108,11 +108,13 @@ class Stage(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Provenance(Report):
-    """What made a file: `inputs` are SHA-256 sums by path."""
+    """What made a file: `inputs` are SHA-256 sums by path, `settings` one of what the result depends on."""
 
     software: str
     command: str
     inputs: dict[str, str]
+    use_case: str = ""
+    settings: str = ""
     seconds: float | None = None
 
 

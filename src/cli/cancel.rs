@@ -1,21 +1,32 @@
 //! Signals that ask the program to stop: SIGINT (Ctrl-C), SIGTERM and SIGHUP.
 
-use super::document;
-use crate::error::{Error, Result};
+use super::{document, progress};
+use crate::app::Context;
+use crate::app::progress::Event;
+use crate::cancel::Cancel;
+use crate::error::{Error, Kind, Result};
 use crate::process;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::time::{Duration, Instant};
 
-static STOP: AtomicBool = AtomicBool::new(false);
-static LISTENING: AtomicBool = AtomicBool::new(false);
+/// Set by the first signal to work that can be stopped.
+static REQUESTED: AtomicBool = AtomicBool::new(false);
+/// Set a second after it to work that writes what it has.
+static OVERDUE: AtomicBool = AtomicBool::new(false);
+/// True once the work asks whether it is to stop.
+static STOPPABLE: AtomicBool = AtomicBool::new(false);
+/// True once work that is stopped writes what it has.
+static WORKING: AtomicBool = AtomicBool::new(false);
 /// Exit code of work that was stopped: 128 plus the number of the signal, that of Ctrl-C at first.
 static CODE: AtomicU8 = AtomicU8::new(128 + SIGINT as u8);
 
 /// Handles the signals from now on. A signal ends the program at once, leaving nothing temporary behind, with the exit
-/// code that shells expect (128 plus its number) and, with `--json`, a document that says so; if a command [`listen`]s, the
-/// first one requests it to stop instead.
+/// code that shells expect (128 plus its number) and, with `--json`, a document that says so; if the work can be
+/// stopped, the first one requests it to stop instead.
 ///
 /// # Errors
 /// If the operating system refuses the handlers or their thread.
@@ -28,7 +39,7 @@ pub fn install() -> Result<()> {
         for signal in signals.forever() {
             let code = 128_u8.saturating_add(signal as u8);
             CODE.store(code, Ordering::SeqCst);
-            if !LISTENING.load(Ordering::SeqCst) || STOP.swap(true, Ordering::SeqCst) {
+            if !STOPPABLE.load(Ordering::SeqCst) || REQUESTED.swap(true, Ordering::SeqCst) {
                 document::error(&Error::cancelled());
                 process::leave(code);
             }
@@ -38,13 +49,85 @@ pub fn install() -> Result<()> {
     Ok(())
 }
 
-/// Returns the flag that the first signal sets from now on; the second one ends the program.
+/// Takes note of how work goes on that a signal may stop.
+pub fn take(event: &Event<'_>) {
+    match event {
+        Event::Stoppable => STOPPABLE.store(true, Ordering::SeqCst),
+        Event::Loading => {
+            STOPPABLE.store(true, Ordering::SeqCst);
+            watch();
+        }
+        Event::Working => WORKING.store(true, Ordering::SeqCst),
+        _ => {}
+    }
+}
+
+/// Returns the flag that the first signal sets from now on to work that can be stopped.
 pub fn listen() -> &'static AtomicBool {
-    LISTENING.store(true, Ordering::SeqCst);
-    &STOP
+    take(&Event::Stoppable);
+    &REQUESTED
+}
+
+/// Returns the cancellation that the first signal requests.
+pub fn requested() -> Cancel {
+    Cancel::on(&REQUESTED)
+}
+
+/// Returns the cancellation that is requested a second after the first signal, once the work writes what it has.
+pub fn overdue() -> Cancel {
+    Cancel::on(&OVERDUE)
+}
+
+/// Watches for the first signal to a long task: ends the program if the inputs are not read soon, and else gives the
+/// work a second to measure and show its result.
+fn watch() {
+    std::thread::spawn(|| {
+        while !REQUESTED.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        // What is nearly read may as well be begun: the work then ends with what it started from.
+        let patience = Instant::now();
+        while !WORKING.load(Ordering::SeqCst) {
+            if patience.elapsed() > Duration::from_millis(1200) {
+                process::leave(nothing_found());
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        std::thread::sleep(Duration::from_secs(1));
+        OVERDUE.store(true, Ordering::Relaxed);
+    });
+}
+
+/// Prints that nothing was written, and returns the exit code of a program that a signal ended.
+pub fn nothing_found() -> u8 {
+    const WHAT: &str = "stopped by the user before anything was found; nothing is written";
+    document::write(WHAT, None, None, None);
+    progress::tell(&Error::cancelled().saying(WHAT));
+    code()
 }
 
 /// Returns the exit code of work that a signal stopped: 130 for Ctrl-C, 143 for SIGTERM.
 pub fn code() -> u8 {
     CODE.load(Ordering::SeqCst)
+}
+
+/// Separates work that was stopped before it had a result, for which it returns an exit code, from results.
+///
+/// # Errors
+/// All errors but that of being stopped.
+pub fn ended<T>(result: Result<T>) -> Result<std::result::Result<T, ExitCode>> {
+    match result {
+        Ok(value) => Ok(Ok(value)),
+        Err(e) if e.kind() == Kind::Cancelled => Ok(Err(ExitCode::from(nothing_found()))),
+        Err(e) => Err(e),
+    }
+}
+
+/// Returns the exit code of a finished task, 130 if Ctrl-C stopped it, and then prints a note on `--resume`.
+pub fn exit_code(stopped: bool, context: &Context) -> ExitCode {
+    if stopped {
+        context.note("stopped; what was there by then is written, and --resume goes on from it");
+        return ExitCode::from(code());
+    }
+    ExitCode::SUCCESS
 }

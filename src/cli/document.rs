@@ -10,15 +10,15 @@ use std::path::Path;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Version of the layout of all documents. Keys are only added within a version; it rises when one is renamed, removed or
-/// changes its meaning.
+/// Version of the layout of all documents. Keys are only added within a version; it rises when one is renamed, removed
+/// or changes its meaning.
 pub const VERSION: u32 = 1;
 
 /// Command whose documents are asked for; not set without `--json`.
 static COMMAND: OnceLock<String> = OnceLock::new();
 
-/// True once the document is written: standard output holds one. (An error that follows a report says again what it says of
-/// frames that failed, and a signal may come while an error is written.)
+/// True once the document is written: standard output holds one. (An error that follows a report says again what it
+/// says of frames that failed, and a signal may come while an error is written.)
 static REPORTED: AtomicBool = AtomicBool::new(false);
 
 /// Has errors written as JSON on standard output from now on, as those of a command such as `reconstruct density`.
@@ -122,7 +122,7 @@ impl Transform for Nullable {
 
 /// Writes an error as JSON on standard output, if `--json` is given.
 pub fn error(error: &Error) {
-    write(error.what(), error.path(), error.place(), error.remedy());
+    write(&error.what(), error.path(), error.place(), error.remedy().as_deref());
 }
 
 /// Writes what ended the program as JSON on standard output, if `--json` is given and no document is written yet. The

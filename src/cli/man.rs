@@ -1,7 +1,7 @@
 //! `cumulo man`: manual pages.
 
 use super::output::Output;
-use super::outputs;
+use crate::app::outputs;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use clap::Command;
@@ -24,7 +24,7 @@ pub struct ManCommand {
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Report {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     output: PathBuf,
     pages: Vec<String>,
 }

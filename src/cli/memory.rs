@@ -3,6 +3,7 @@
 use crate::error::Error;
 use crate::formats::limits::Limits;
 use crate::process;
+use crate::text;
 
 /// `--max-memory` of the commands that read volumes.
 #[derive(Debug, Clone, Copy, clap::Args)]
@@ -26,7 +27,7 @@ impl Memory {
         let least = process::least_memory();
         match self.max_memory {
             Some(most) if most < least => {
-                let (given, threads) = (human(most), rayon::current_num_threads());
+                let (given, threads) = (text::bytes(most), rayon::current_num_threads());
                 let needed = format!("at least {} MiB are needed for the program", least.div_ceil(1 << 20));
                 Err(Error::invalid(format!("--max-memory {given}: {needed}, its libraries and its {threads} threads"))
                     .hint("give as much or more, or fewer --threads where there are many"))
@@ -55,16 +56,4 @@ fn bytes(text: &str) -> Result<u64, String> {
     let number: f64 = digits.parse().map_err(|_| expected())?;
     let size = number * (1_u64 << shift) as f64;
     if size.is_finite() && size >= 1.0 { Ok(size as u64) } else { Err(expected()) }
-}
-
-/// Formats a number of bytes in B, KiB, MiB or GiB.
-pub fn human(bytes: u64) -> String {
-    let mut size = bytes as f64;
-    for unit in ["B", "KiB", "MiB"] {
-        if size < 1024.0 {
-            return if unit == "B" { format!("{bytes} B") } else { format!("{size:.1} {unit}") };
-        }
-        size /= 1024.0;
-    }
-    format!("{size:.2} GiB")
 }

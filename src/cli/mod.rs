@@ -1,5 +1,6 @@
 //! The command line: each subcommand loads, works, writes and reports.
 
+pub mod args;
 pub mod cancel;
 pub mod capture;
 pub mod compare;
@@ -8,50 +9,48 @@ pub mod convert;
 pub mod denoise;
 pub mod diff;
 pub mod document;
-mod failed;
-mod frames;
+mod flags;
 pub mod gradient;
 mod help;
 pub mod info;
-mod inputs;
 mod log;
 pub mod man;
 pub mod memory;
 pub mod motion;
 pub mod output;
-pub mod outputs;
 pub mod parse;
-pub mod paths;
-pub mod photos;
 pub mod plan;
 pub mod pose;
 pub mod progress;
-pub mod provenance;
 pub mod reconstruct;
 pub mod render;
-mod renewed;
 pub mod report;
-pub mod run;
 pub mod schema;
-pub mod task;
 pub mod transfer;
 pub mod try_grid;
-pub mod up;
 pub mod usd;
 pub mod validate;
 mod values;
 mod version;
 pub mod view;
 pub mod viewpoint;
-pub mod volume;
+mod words;
 
+use crate::app::convert::ConvertSettings;
+use crate::app::denoise::DenoiseSettings;
+use crate::app::inputs;
+use crate::app::motion::MotionSettings;
+use crate::app::plan::PlanSettings;
+use crate::app::render::RenderSettings;
 use crate::error::{Error, Kind, Result};
 use crate::formats::limits::Limits;
 use crate::formats::protected;
 use crate::formats::vdb::{self, helper};
 use crate::process;
+use crate::wording::speak_as;
 use clap::error::ContextKind;
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
+use memory::Memory;
 use output::Output;
 use std::ffi::{OsStr, OsString};
 use std::io::Write;
@@ -83,6 +82,9 @@ pub struct Global {
     /// No progress on standard error
     #[arg(long, short, global = true)]
     pub quiet: bool,
+    /// Form of the progress on standard error
+    #[arg(long, global = true, value_enum, value_name = "FORM", default_value_t, conflicts_with = "quiet")]
+    pub progress: progress::Form,
     /// Say on standard error how long each stage took, how many threads work, and what was planned
     #[arg(long, short, global = true, conflicts_with = "quiet")]
     pub verbose: bool,
@@ -96,15 +98,15 @@ enum Command {
     Completions(completions::Completions),
     Info(info::Info),
     Man(man::ManCommand),
-    Motion(motion::MotionCommand),
-    Plan(plan::PlanCommand),
+    Motion(MotionSettings),
+    Plan(PlanSettings),
     Validate(validate::Validate),
-    Convert(convert::Convert),
-    Denoise(denoise::Denoise),
+    Convert(Box<ConvertSettings>),
+    Denoise(DenoiseSettings),
     Diff(diff::Diff),
     Pose(pose::Pose),
     Gradient(gradient::GradientCommand),
-    Render(render::Render),
+    Render(RenderSettings),
     #[command(subcommand)]
     Reconstruct(reconstruct::Reconstruct),
     Report(report::Report),
@@ -128,15 +130,15 @@ impl Command {
             Self::Capture(c) => c.memory(),
             Self::Compare(c) => c.memory,
             Self::Info(c) => c.memory,
-            Self::Motion(c) => c.memory,
+            Self::Motion(s) => Memory::of(s.limits),
             Self::Validate(c) => c.memory,
-            Self::Convert(c) => c.memory,
-            Self::Denoise(c) => c.memory,
+            Self::Convert(s) => Memory::of(s.limits),
+            Self::Denoise(s) => Memory::of(s.limits),
             Self::Diff(c) => c.memory,
             Self::Pose(c) => c.memory,
             Self::Gradient(c) => c.memory,
-            Self::Plan(c) => c.pictures.memory,
-            Self::Render(c) => c.pictures.memory,
+            Self::Plan(s) => Memory::of(s.pictures.limits),
+            Self::Render(s) => Memory::of(s.pictures.limits),
             Self::Reconstruct(c) => c.memory(),
             Self::Report(c) => c.memory,
             Self::Completions(_) | Self::Man(_) | Self::Schema(_) => return Ok(Limits::default().max_memory),
@@ -174,6 +176,10 @@ impl Command {
         }
     }
 }
+
+/// Advice to those whose command needs more memory than is allowed.
+const SMALLER: &str = "raise --max-memory, or give smaller inputs: fewer or smaller pictures, a volume that was \
+                       cropped or resampled";
 
 /// Environment variable of the number of threads, which `--threads` overrides.
 const THREADS: &str = "RAYON_NUM_THREADS";
@@ -232,11 +238,12 @@ fn path_of(matches: &ArgMatches) -> String {
     words.join(" ")
 }
 
-/// Runs the program and returns its exit code: 0 success, 1 a check found something, 2 an error, and 128 with a signal's
-/// number, such as 130 of Ctrl-C, for work that was stopped. Errors are printed, as JSON too with `--json`. `commit` is
-/// the one that the program was built from, if the build knew it.
+/// Runs the program and returns its exit code: 0 success, 1 a check found something, 2 an error, and 128 with a
+/// signal's number, such as 130 of Ctrl-C, for work that was stopped. Errors are printed, as JSON too with `--json`.
+/// `commit` is the one that the program was built from, if the build knew it.
 pub fn main(commit: Option<&str>) -> ExitCode {
     version::of_commit(commit);
+    speak_as(flags::option);
     let words: Vec<OsString> = std::env::args_os().collect();
     let json = words.iter().take_while(|word| *word != "--").any(|word| word == "--json");
     let arguments = match Arguments::read(words.clone()) {
@@ -247,7 +254,7 @@ pub fn main(commit: Option<&str>) -> ExitCode {
         Ok(code) => code,
         Err(error) => {
             document::error(&error);
-            let _ = writeln!(std::io::stderr(), "cumulo: {error}");
+            progress::tell(&error);
             ExitCode::from(if error.kind() == Kind::Cancelled { cancel::code() } else { 2 })
         }
     }
@@ -279,8 +286,8 @@ fn takes_value(command: &clap::Command, word: &str) -> bool {
     command.get_arguments().find(named).is_some_and(|arg| arg.get_action().takes_values())
 }
 
-/// Prints what a command line that could not be read is told: its mistake, or the help that it asked for. The mistake is a
-/// document of `command`, too, if there is one.
+/// Prints what a command line that could not be read is told: its mistake, or the help that it asked for. The mistake
+/// is a document of `command`, too, if there is one.
 fn refused(mut usage: clap::Error, command: Option<String>) -> ExitCode {
     // The list has commands that are hidden from people.
     usage.remove(ContextKind::ValidSubcommand);
@@ -304,7 +311,8 @@ fn refused(mut usage: clap::Error, command: Option<String>) -> ExitCode {
 /// Advice to those whose command line could not be read.
 const SEE_HELP: &str = "cumulo --help, or --help behind a command, lists what can be given";
 
-/// Returns the mistake that a usage message names, in a line: its first paragraph, which lists what is missing or possible.
+/// Returns the mistake that a usage message names, in a line: its first paragraph, which lists what is missing or
+/// possible.
 fn mistake(text: &str) -> String {
     let lines: Vec<&str> = text.lines().map(str::trim).take_while(|line| !line.is_empty()).collect();
     lines.join(" ").trim_start_matches("error: ").to_owned()
@@ -333,10 +341,10 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     }
     vdb::on_terminate(process::abandon);
     let memory = arguments.command.max_memory()?;
-    process::limit_memory(memory);
+    process::limit_memory(memory, SMALLER);
     let output = Output::new(&arguments.global, &arguments.path);
     let (version, threads) = (version::text(), rayon::current_num_threads());
-    output.detail(format!("cumulo {version}: {threads} threads, {} of memory at most", memory::human(memory)));
+    output.detail(format!("cumulo {version}: {threads} threads, {} of memory at most", crate::text::bytes(memory)));
     inputs::protect(arguments.command.inputs(), Limits { max_memory: memory });
     dispatch(arguments.command, &output)
 }
@@ -348,15 +356,15 @@ fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
         Command::Completions(c) => c.run(output),
         Command::Info(c) => c.run(output),
         Command::Man(c) => c.run(output),
-        Command::Motion(c) => c.run(output),
+        Command::Motion(s) => motion::run(&s, output),
         Command::Validate(c) => c.run(output),
-        Command::Convert(c) => c.run(output),
-        Command::Denoise(c) => c.run(output),
+        Command::Convert(s) => convert::run(&s, output),
+        Command::Denoise(s) => denoise::run(&s, output),
         Command::Diff(c) => c.run(output),
         Command::Pose(c) => c.run(output),
         Command::Gradient(c) => c.run(output),
-        Command::Plan(c) => c.run(output),
-        Command::Render(c) => c.run(output),
+        Command::Plan(s) => plan::run(&s, output),
+        Command::Render(s) => render::run(&s, output),
         Command::Reconstruct(c) => c.run(output),
         Command::Report(c) => c.run(output),
         Command::Schema(c) => c.run(output),

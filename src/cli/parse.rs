@@ -3,23 +3,6 @@
 use crate::math::Aabb;
 use crate::scene::camera::Window;
 use glam::DVec3;
-use std::str::FromStr;
-
-/// Extinction per unit of density and length.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum DensityScale {
-    /// A number that the user gave.
-    Given(f64),
-    /// The scale that makes the 99th percentile of the pixels' optical depths 3: pictures are neither blank nor black.
-    Auto,
-}
-
-impl FromStr for DensityScale {
-    type Err = String;
-    fn from_str(text: &str) -> Result<Self, String> {
-        if text == "auto" { Ok(Self::Auto) } else { positive(text).map(Self::Given) }
-    }
-}
 
 /// Parses a finite number.
 pub fn number(text: &str) -> Result<f64, String> {
@@ -101,8 +84,8 @@ pub fn window(text: &str) -> Result<Window, String> {
             }
         }
         _ => Err(format!(
-            "'{text}' is no part of a picture; give x0,y0,x1,y1 such as 64,32,192,160, or column,row,WIDTHxHEIGHT such as \
-             64,32,128x128"
+            "'{text}' is no part of a picture; give x0,y0,x1,y1 such as 64,32,192,160, or column,row,WIDTHxHEIGHT such \
+             as 64,32,128x128"
         )),
     }
 }
@@ -120,7 +103,8 @@ pub fn color(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
-/// Parses a vector, `x,y,z`, whose direction can be computed: neither zero nor so small or large that its square is not held.
+/// Parses a vector, `x,y,z`, whose direction can be computed: neither zero nor so small or large that its square is not
+/// held.
 pub fn vector(text: &str) -> Result<DVec3, String> {
     let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
     let [x, y, z] = numbers[..] else {

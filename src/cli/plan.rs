@@ -1,135 +1,39 @@
 //! `cumulo plan`: which effects of a scene are simulated, at what cost, and what is left out.
 
-use crate::cli::cancel;
-use crate::cli::output::Output;
-use crate::cli::provenance::Provenance;
-use crate::cli::render::{Cameras, LeftOut, PictureOptions, remarks};
-use crate::cli::up::ChosenUp;
-use crate::error::{Error, Result};
-use crate::formats::sequence::Pattern;
-use crate::plan::pilot::{self, Cost};
-use crate::plan::{Integrator, Plan, State};
-use serde::Serialize;
-use std::fmt;
-use std::path::PathBuf;
+use super::args::read_as;
+use super::output::Output;
+use crate::app::pictures::PictureSettings;
+use crate::app::plan::PlanSettings;
+use crate::error::Result;
 use std::process::ExitCode;
 
 /// Tell which effects `render` would simulate, what they cost, and how much radiance is left out at most
 ///
-/// Takes the options of render. Effects that a scene does not call for are off and cost nothing; with --max-omitted, more
-/// of them are left out as long as the sum of their bounds stays below that radiance. Costs are those of small pictures, rendered now.
+/// Takes the options of render. Effects that a scene does not call for are off and cost nothing; with --max-omitted,
+/// more of them are left out as long as the sum of their bounds stays below that radiance. Costs are those of small
+/// pictures, rendered now.
 #[derive(Debug, clap::Args)]
-pub struct PlanCommand {
+struct PlanArgs {
     /// Frame of a sequence (default: the first)
     #[arg(long, value_name = "N")]
     frame: Option<u32>,
     #[command(flatten)]
-    pub(in crate::cli) pictures: PictureOptions,
+    pictures: PictureSettings,
 }
 
-#[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Report {
-    #[serde(serialize_with = "crate::cli::paths::text")]
-    input: PathBuf,
-    views: usize,
-    size: [u32; 2],
-    /// Up axis about which cameras were placed; none where they were given.
-    up: Option<ChosenUp>,
-    #[serde(flatten)]
-    plan: Plan,
-    cost: Cost,
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { input, views, size: [width, height], plan, cost, .. } = self;
-        let by = match plan.integrator {
-            Integrator::DirectVolumeRendering => "direct volume rendering",
-            Integrator::PathTracing => "path tracing",
-        };
-        writeln!(
-            f,
-            "{}: {by}, {views} view{} of {width}x{height}",
-            input.display(),
-            if *views == 1 { "" } else { "s" }
-        )?;
-        writeln!(f, "  {:<22}{:<9}{:>10}{:>12}  reason", "effect", "state", "seconds", "bound")?;
-        for planned in &plan.effects {
-            let state = match planned.state {
-                State::On => "on",
-                State::Off => "off",
-                State::Bounded => "bounded",
-            };
-            let seconds = planned.cost.map_or("-".into(), |seconds| format!("{seconds:.3}"));
-            let bound = match planned.bound {
-                Some(0.0) => "0".into(),
-                Some(bound) => format!("{bound:.2e}"),
-                None => "-".into(),
-            };
-            writeln!(f, "  {:<22}{state:<9}{seconds:>10}{bound:>12}  {}", planned.name.to_string(), planned.reason)?;
-        }
-        writeln!(
-            f,
-            "  bound: most radiance that the effect, or the part that is left out, adds to a channel of any pixel; pictures \
-             are often far darker"
-        )?;
-        let depth = &plan.measured.optical_depth;
-        writeln!(
-            f,
-            "  optical depth: median {:.3}, 99 % below {:.3} on {} rays that meet the media; {:.3} at most on any ray",
-            depth.median, depth.percentile_99, depth.rays, depth.bound
-        )?;
-        writeln!(f, "  {}", LeftOut(plan))?;
-        write!(f, "  {} rays and about {:.2} s a picture", cost.paths, cost.seconds)
+impl From<PlanArgs> for PlanSettings {
+    fn from(args: PlanArgs) -> Self {
+        Self { frame: args.frame, pictures: args.pictures }
     }
 }
 
-impl PlanCommand {
-    /// Reads, plans and reports.
-    ///
-    /// # Errors
-    /// If the volume or the cameras cannot be used.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let cancel = cancel::listen();
-        let mut pictures = self.pictures.clone();
-        pictures.frame = self.frame;
-        if let Some(input) = pictures.sequence_of_folder()? {
-            pictures.input = input;
-        }
-        if let Some(pattern) = Pattern::parse(&pictures.input) {
-            let numbers = pattern.numbers()?;
-            pictures.frame = self.frame.or(numbers.first().copied());
-            pictures.input = pattern.path(pictures.frame.unwrap_or_default());
-        }
-        let mut provenance = Provenance::begin();
-        let template = pictures.template(None, &mut provenance)?;
-        let limits = pictures.memory.limits();
-        let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
-        remarks(&pictures, &subject, template.as_ref())
-            .iter()
-            .for_each(|remark| output.note(format!("remark: {remark}")));
-        let paths = pictures.scattering.on() || subject.is_scene();
-        pictures.scattering.check(paths)?;
-        let up = pictures.chosen_up(template.as_ref())?;
-        up.iter().for_each(|up| output.note(up));
-        let cameras = Cameras::around(up.as_ref());
-        let name = |name: &str| PathBuf::from(name);
-        let capture = pictures.capture(name, &subject, transfer, template.as_ref(), cameras)?;
-        let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
-        let mut plan = pictures.plan(&scene, false)?;
-        let scene = plan.simplify(scene)?;
-        let Some(camera) = scene.cameras.first() else {
-            return Err(Error::invalid("no cameras").hint("give --views or --cameras"));
-        };
-        let samples = match plan.integrator {
-            Integrator::PathTracing => pictures.scattering.samples(),
-            Integrator::DirectVolumeRendering => (pictures.rays_per_edge(paths) as u32).pow(2),
-        };
-        let quadrature = pictures.quadrature(&scene);
-        let cost = pilot::run(&mut plan, &scene, camera, samples, quadrature, cancel)?.ok_or_else(Error::cancelled)?;
-        let size = [camera.width, camera.height];
-        let views = scene.cameras.len();
-        output.report(&Report { input: pictures.input, views, size, up, plan, cost })?;
-        Ok(ExitCode::SUCCESS)
-    }
+read_as!(PlanSettings, PlanArgs);
+
+/// Plans and reports.
+///
+/// # Errors
+/// Those of [`PlanSettings::run`].
+pub fn run(settings: &PlanSettings, output: &Output) -> Result<ExitCode> {
+    output.report(&settings.run(output)?)?;
+    Ok(ExitCode::SUCCESS)
 }

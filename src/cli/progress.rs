@@ -1,149 +1,168 @@
-//! Displays of work that goes on: a bar of steps, and a stage of unknown length.
+//! Progress on standard error: bars and remarks for people, or events as lines of JSON.
 
-use super::log::Log;
+use super::log::{self, Log};
+use crate::app::progress::{Event, Progress, Unit};
+use crate::error::Error;
+use crate::text::{printable_json, printable_lines};
+use crate::wording::worded;
+use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
-use std::fmt;
-use std::io::IsTerminal;
-use std::ops::Deref;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use serde_json::json;
+use std::collections::HashMap;
+use std::fmt::{self, Display};
+use std::io::{IsTerminal, Write};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
-/// How progress is shown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Manner {
-    /// True if nothing is shown.
-    pub hidden: bool,
-    /// True if the time that a stage took is written when it ends.
-    pub timed: bool,
+/// Form of the progress on standard error.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum Form {
+    /// Bars on a terminal, and in a log a line every ten seconds
+    #[default]
+    Text,
+    /// Events as lines of JSON
+    Json,
 }
 
-/// A progress bar, which is cleared when it is dropped.
+/// True once events are lines of JSON.
+static JSON: AtomicBool = AtomicBool::new(false);
+
+/// Says which error ended the command: as a line of JSON where the other events are.
+pub(super) fn tell(error: &Error) {
+    if !JSON.load(Ordering::Relaxed) {
+        let _ = writeln!(std::io::stderr(), "cumulo: {error}");
+        return;
+    }
+    let file = error.path().map(Path::to_string_lossy);
+    let line = json!({
+        "event": "error", "what": error.what(), "file": file, "part": error.place(), "do": error.remedy(),
+    });
+    let _ = writeln!(std::io::stderr(), "{}", printable_json(&line.to_string()));
+}
+
+/// Standard error as the receiver of a use case's progress.
 #[derive(Debug)]
-pub struct Progress(Shown);
-
-impl Progress {
-    /// Shows a bar of `length` steps with the remaining time; where standard error is no terminal, a plain line at most
-    /// every ten seconds.
-    pub(super) fn new(length: u64, what: &'static str, manner: Manner) -> Self {
-        Self(Shown::new(Some(length), &bar_of("{pos}/{len}", "{pos} of {len}"), what, manner))
-    }
-
-    /// Shows a bar of so many pictures, which counts the pixels of each: one picture may take hours.
-    pub(super) fn of_pictures(count: u64, what: &'static str, manner: Manner) -> Self {
-        Self(Shown::new(Some(count * PARTS), &bar_of("{pictures}", "{pictures}"), what, manner))
-    }
-
-    /// Begins a picture, of a bar of pictures.
-    pub fn picture(&self) -> Picture<'_> {
-        Picture { bar: &self.0.bar, done: AtomicU64::new(0), shown: AtomicU64::new(0) }
-    }
+pub struct Terminal {
+    form: Form,
+    quiet: bool,
+    verbose: bool,
+    bars: Mutex<HashMap<u64, Bar>>,
 }
 
-/// Returns the template of a bar whose steps are shown so on a terminal and in a log.
-fn bar_of(terminal: &str, log: &str) -> String {
-    match std::io::stderr().is_terminal() {
-        true => format!("{{prefix}} [{{bar:30}}] {terminal} {{spent}}{{eta}} {{msg}}"),
-        false => format!("{{prefix}}: {log} after {{spent}}{{to_go}}; {{msg}}"),
-    }
-}
-
-/// Parts of a picture that a bar of pictures counts.
-const PARTS: u64 = 10_000;
-
-/// Picture at work, of a bar of pictures.
+/// Bar of a stage, with the parts that it counts of each of its steps.
 #[derive(Debug)]
-pub struct Picture<'p> {
-    bar: &'p ProgressBar,
-    /// Pixels that are done, and parts of the bar that show them.
-    done: AtomicU64,
-    shown: AtomicU64,
+struct Bar {
+    bar: ProgressBar,
+    parts: u64,
 }
 
-impl Picture<'_> {
-    /// Counts pixels that are done, of all that the picture has.
-    pub fn add(&self, pixels: u64, all: u64) {
-        let done = self.done.fetch_add(pixels, Ordering::Relaxed) + pixels;
-        self.show(PARTS * done.min(all) / all.max(1));
+impl Terminal {
+    /// Creates progress of a form; if `quiet`, of frames that fail alone, and if `verbose` with details and the time
+    /// that each stage took.
+    pub fn new(form: Form, quiet: bool, verbose: bool) -> Self {
+        log::begin();
+        JSON.store(form == Form::Json, Ordering::Relaxed);
+        Self { form, quiet, verbose, bars: Mutex::default() }
     }
 
-    fn show(&self, parts: u64) {
-        let before = self.shown.fetch_max(parts, Ordering::Relaxed);
-        if parts > before {
-            self.bar.inc(parts - before);
+    fn show(&self, event: &Event<'_>) {
+        let mut bars = self.bars.lock().unwrap_or_else(PoisonError::into_inner);
+        match *event {
+            Event::Began { stage, name, total, unit } if !self.quiet => {
+                bars.insert(stage, Bar::new(name, total, unit));
+            }
+            Event::Advanced { stage, done, total, message } => {
+                if let Some(bar) = bars.get(&stage) {
+                    bar.advance(done, total, message);
+                }
+            }
+            Event::Ended { stage, name, seconds } => {
+                if let Some(Bar { bar, .. }) = bars.remove(&stage) {
+                    drop(bar);
+                }
+                if self.verbose {
+                    let _ = writeln!(std::io::stderr().lock(), "{name}: {seconds:.3} s");
+                }
+            }
+            Event::Remark { text } => self.say(text),
+            Event::Detail { text } if self.verbose => self.say(text),
+            Event::Warned { warning } => self.say(format_args!("warning: {}\n  {}", warning.what, warning.remedy)),
+            // Said as an error that ends a command, whatever `--quiet` silences.
+            Event::Failed { frame, error } => {
+                let _ = writeln!(std::io::stderr().lock(), "cumulo: frame {frame}: {error}");
+            }
+            Event::Began { .. } | Event::Detail { .. } | Event::Stoppable | Event::Loading | Event::Working => {}
+        }
+    }
+
+    fn say(&self, text: impl Display) {
+        if !self.quiet {
+            let _ = writeln!(std::io::stderr().lock(), "{}", printable_lines(&worded(&text.to_string())));
+            log::sign();
         }
     }
 }
 
-impl Drop for Picture<'_> {
-    /// Counts the picture as done, whatever has become of it.
-    fn drop(&mut self) {
-        self.show(PARTS);
+impl Progress for Terminal {
+    fn event(&self, event: &Event<'_>) {
+        super::cancel::take(event);
+        match self.form {
+            Form::Text => self.show(event),
+            Form::Json => {
+                if let Ok(json) = serde_json::to_string(event) {
+                    let _ = writeln!(std::io::stderr().lock(), "{}", printable_json(&worded(&json)));
+                }
+            }
+        }
     }
 }
 
-impl Deref for Progress {
-    type Target = ProgressBar;
+impl Bar {
+    /// Parts of a picture that a bar of pictures counts.
+    const PARTS: u64 = 10_000;
 
-    fn deref(&self) -> &ProgressBar {
-        &self.0.bar
-    }
-}
-
-/// Progress display of a stage of unknown length.
-#[derive(Debug)]
-pub struct Stage(Shown);
-
-impl Stage {
-    /// Shows that a stage goes on, until the returned value is dropped.
-    pub(super) fn new(what: &'static str, manner: Manner) -> Self {
+    /// Shows a bar with the remaining time, or of a stage of unknown length a spinner; where standard error is no
+    /// terminal, a plain line at most every ten seconds.
+    fn new(name: &str, total: Option<u64>, unit: Unit) -> Self {
         let terminal = std::io::stderr().is_terminal();
-        let template = if terminal { "{prefix} {spinner} {spent} {msg}" } else { "{prefix}: {spent} so far {msg}" };
-        Self(Shown::new(None, template, what, manner))
-    }
-
-    /// Shows that `done` of `of` parts of the stage are done.
-    pub fn at(&self, done: usize, of: usize) {
-        self.0.bar.set_message(format!("({done} of {of})"));
-    }
-}
-
-/// A display on standard error until it is dropped.
-#[derive(Debug)]
-struct Shown {
-    bar: ProgressBar,
-    what: &'static str,
-    timed: bool,
-    begun: Instant,
-}
-
-impl Shown {
-    fn new(length: Option<u64>, template: &str, what: &'static str, manner: Manner) -> Self {
-        let target = match (manner.hidden, std::io::stderr().is_terminal()) {
-            (true, _) => ProgressDrawTarget::hidden(),
-            (false, true) => ProgressDrawTarget::stderr(),
-            (false, false) => ProgressDrawTarget::term_like(Box::new(Log::default())),
+        let (parts, done) = match unit {
+            Unit::Pictures => (Self::PARTS, ["{pictures}"; 2]),
+            Unit::Steps => (1, ["{pos}/{len}", "{pos} of {len}"]),
         };
-        let bar = ProgressBar::with_draw_target(length, target);
-        if let Ok(style) = ProgressStyle::with_template(template) {
+        let template = match (total, terminal) {
+            (Some(_), true) => format!("{{prefix}} [{{bar:30}}] {} {{spent}}{{eta}} {{msg}}", done[0]),
+            (Some(_), false) => format!("{{prefix}}: {} after {{spent}}{{to_go}}; {{msg}}", done[1]),
+            (None, true) => "{prefix} {spinner} {spent} {msg}".to_owned(),
+            (None, false) => "{prefix}: {spent} so far {msg}".to_owned(),
+        };
+        let target = match terminal {
+            true => ProgressDrawTarget::stderr(),
+            false => ProgressDrawTarget::term_like(Box::new(Log::default())),
+        };
+        let bar = ProgressBar::with_draw_target(total.map(|total| total * parts), target);
+        if let Ok(style) = ProgressStyle::with_template(&template) {
             let style = style.with_key("spent", spent).with_key("eta", eta).with_key("to_go", to_go);
             bar.set_style(style.with_key("pictures", pictures).progress_chars("=> "));
         }
-        bar.set_prefix(what);
+        bar.set_prefix(name.to_owned());
         // A long step must not look like a hang.
-        if !manner.hidden {
-            bar.enable_steady_tick(Duration::from_millis(500));
-        }
-        Self { bar, what, timed: manner.timed, begun: Instant::now() }
+        bar.enable_steady_tick(Duration::from_millis(500));
+        Self { bar, parts }
     }
-}
 
-impl Drop for Shown {
-    fn drop(&mut self) {
-        use std::io::Write;
-        self.bar.finish_and_clear();
-        if self.timed {
-            let seconds = self.begun.elapsed().as_secs_f64();
-            let _ = writeln!(std::io::stderr().lock(), "{}: {seconds:.3} s", self.what);
+    fn advance(&self, done: f64, total: Option<u64>, message: &str) {
+        let Self { bar, parts } = self;
+        if let Some(total) = total.filter(|total| bar.length() != Some(total * parts)) {
+            bar.set_length(total * parts);
+        }
+        // A spinner has no place, and its message states how far it is.
+        if bar.length().is_some() {
+            bar.set_position((done * *parts as f64).round() as u64);
+        }
+        if bar.message() != message {
+            bar.set_message(message.to_owned());
         }
     }
 }
@@ -166,16 +185,16 @@ fn to_go(state: &ProgressState, out: &mut dyn fmt::Write) {
 /// Writes the pictures that are done, and the share of all pixels.
 fn pictures(state: &ProgressState, out: &mut dyn fmt::Write) {
     let (done, all) = (state.pos(), state.len().unwrap_or(0));
-    let _ = write!(out, "{} of {} ({} %)", done / PARTS, all / PARTS, 100 * done / all.max(1));
+    let _ = write!(out, "{} of {} ({} %)", done / Bar::PARTS, all / Bar::PARTS, 100 * done / all.max(1));
 }
 
 fn left(state: &ProgressState) -> Option<Duration> {
     remaining(state.pos(), state.len().unwrap_or(0), state.elapsed())
 }
 
-/// Returns the time that the steps left take at the mean pace so far. (An estimate by the pace of the last seconds makes
-/// days of steps that take a minute each.) Before the first step nothing is known, and after the last one there is
-/// nothing to say.
+/// Returns the time that the steps left take at the mean pace so far. (An estimate by the pace of the last seconds
+/// makes days of steps that take a minute each.) Before the first step nothing is known, and after the last one there
+/// is nothing to say.
 fn remaining(done: u64, all: u64, elapsed: Duration) -> Option<Duration> {
     let rest = all.checked_sub(done).filter(|rest| *rest > 0 && done > 0)?;
     // A decade is long enough.
@@ -185,7 +204,7 @@ fn remaining(done: u64, all: u64, elapsed: Duration) -> Option<Duration> {
 /// Length of time in the units that matter, down to seconds.
 struct Span(Duration);
 
-impl fmt::Display for Span {
+impl Display for Span {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let seconds = self.0.as_secs();
         let (days, hours, minutes) = (seconds / 86_400, seconds / 3600 % 24, seconds / 60 % 60);
@@ -215,21 +234,5 @@ mod tests {
         assert_eq!(remaining(3, 9), Some(Duration::from_secs(60)));
         assert_eq!([remaining(0, 9), remaining(9, 9), remaining(10, 9)], [None; 3]);
         assert_eq!(remaining(1, u64::MAX), Some(Duration::from_secs(300_000_000)));
-    }
-
-    /// A picture that takes hours is not "0 of 1" to its end.
-    #[test]
-    fn pixels_of_a_picture_count() {
-        let hidden = Manner { hidden: true, timed: false };
-        let bar = Progress::of_pictures(2, "render", hidden);
-        {
-            let picture = bar.picture();
-            picture.add(75, 300);
-            assert_eq!(bar.position(), PARTS / 4);
-            picture.add(225, 300);
-        }
-        assert_eq!(bar.position(), PARTS);
-        drop(bar.picture());
-        assert_eq!(bar.position(), 2 * PARTS);
     }
 }

@@ -3,9 +3,9 @@
 use super::output::Output;
 use super::report::transfer::TransferRun;
 use super::{
-    capture, compare, convert, denoise, diff, document, gradient, info, man, motion, plan, pose, render, report, run,
-    transfer, usd, validate, view, viewpoint,
+    capture, compare, diff, document, gradient, info, man, pose, report, transfer, usd, validate, view, viewpoint,
 };
+use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
 use schemars::Schema as JsonSchema;
@@ -13,7 +13,8 @@ use std::process::ExitCode;
 
 /// Print the JSON schema of a kind of file, or of what a command writes with --json
 ///
-/// A document holds the report of the command or, if it failed, its error; `error` is the schema of such documents alone.
+/// A document holds the report of the command or, if it failed, its error; `error` is the schema of such documents
+/// alone.
 #[derive(Debug, clap::Args)]
 pub struct Schema {
     /// Kind of file, or command with dashes between its words
@@ -52,19 +53,19 @@ macro_rules! kinds {
 kinds! {
     CaptureConvert: "capture convert" => capture::Report;
     Compare: "compare" => compare::AnyReport;
-    Convert: "convert" => convert::AnyReport;
-    Denoise: "denoise" => denoise::Report;
+    Convert: "convert" => app::convert::ConvertReport;
+    Denoise: "denoise" => app::denoise::DenoiseReport;
     Diff: "diff" => diff::AnyReport;
     Gradient: "gradient" => gradient::Report;
     Info: "info" => info::Report;
     Man: "man" => man::Report;
-    Motion: "motion" => motion::Report;
-    Plan: "plan" => plan::Report;
+    Motion: "motion" => app::motion::MotionReport;
+    Plan: "plan" => app::plan::PlanReport;
     Pose: "pose" => pose::Report;
-    ReconstructColor: "reconstruct color" => run::Run;
-    ReconstructDensity: "reconstruct density" => run::Run;
+    ReconstructColor: "reconstruct color" => app::run::Run;
+    ReconstructDensity: "reconstruct density" => app::run::Run;
     ReconstructTf: "reconstruct tf" => TransferRun;
-    Render: "render" => render::AnyReport;
+    Render: "render" => app::render::RenderReport;
     Report: "report" => report::Written;
     Transfer: "transfer" => transfer::AnyReport;
     UsdAuthor: "usd author" => usd::Authored;

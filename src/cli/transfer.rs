@@ -2,14 +2,13 @@
 
 use super::memory::Memory;
 use super::output::Output;
-use super::outputs::{self, Content};
 use super::parse::{ascending, positive};
-use super::provenance::Provenance;
+use crate::app::outputs::{self, Content};
+use crate::app::provenance::Provenance;
 use crate::error::{Error, Result};
-use crate::formats::limits::Limits;
 use crate::formats::transfer::{self, Builtin, Options, Source, TransferSummary};
-use crate::scene::transfer::Transfer;
 use crate::text::printable;
+use crate::wording::all_worded;
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -47,55 +46,6 @@ pub struct TransferCommand {
     pub(in crate::cli) memory: Memory,
 }
 
-/// The transfer function that a command uses.
-#[derive(Debug, Clone, Default, clap::Args)]
-pub struct TransferOption {
-    /// Transfer function: a .tf.json, a color map preset of ParaView (JSON, XML), a VDB that carries one, or a name such as
-    /// viridis, cool-warm or ct-bone (`cumulo transfer --list` shows all)
-    #[arg(long = "tf", value_name = "FILE|NAME")]
-    pub tf: Option<PathBuf>,
-    /// Which of several in --tf: the preset of this name, in a VDB that of this grid (default: the first)
-    #[arg(long, value_name = "NAME", requires = "tf")]
-    pub tf_preset: Option<String>,
-    /// Map the densities of --tf to this range
-    #[arg(long, value_name = "LOW,HIGH", value_parser = ascending, allow_hyphen_values = true, requires = "tf")]
-    pub tf_range: Option<[f64; 2]>,
-    /// World length that the opacities of a preset are for (default: 1)
-    #[arg(long, value_name = "U", value_parser = positive, requires = "tf")]
-    pub tf_unit_distance: Option<f64>,
-    /// Extinction per world unit (per millimeter in a volume whose voxels are measured in mm) at the upper end of a color
-    /// map or preset without opacities (default: 1)
-    #[arg(long, value_name = "S", value_parser = positive, requires = "tf")]
-    pub tf_extinction: Option<f64>,
-}
-
-impl TransferOption {
-    /// Returns the file of `--tf`; `None` if the option is not given, or names a function that no file holds.
-    pub fn file(&self) -> Option<&Path> {
-        self.tf.as_deref().and_then(transfer::file)
-    }
-
-    /// Loads the transfer function of `--tf`, if the option is given.
-    ///
-    /// # Errors
-    /// Those of [`transfer::load`].
-    pub fn load(&self, limits: Limits) -> Result<Option<Transfer>> {
-        let Some(path) = &self.tf else { return Ok(None) };
-        transfer::load(path, &self.options(limits)).map(|loaded| Some(loaded.transfer))
-    }
-
-    /// Returns the options that the function of `--tf` is read with.
-    pub fn options(&self, limits: Limits) -> Options {
-        Options {
-            preset: self.tf_preset.clone(),
-            range: self.tf_range,
-            unit_distance: self.tf_unit_distance,
-            extinction: self.tf_extinction,
-            limits,
-        }
-    }
-}
-
 /// Report of a function, or the list of those that are there by name.
 #[derive(schemars::JsonSchema)]
 #[serde(untagged)]
@@ -127,9 +77,9 @@ impl fmt::Display for List {
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Report {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     input: PathBuf,
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     output: Option<PathBuf>,
     source: Source,
     name: Option<String>,
@@ -154,7 +104,7 @@ impl TransferCommand {
             output.report(&List { functions: transfer::builtins() })?;
             return Ok(ExitCode::SUCCESS);
         };
-        let mut provenance = Provenance::begin();
+        let mut provenance = Provenance::begin(output);
         if let Some(path) = &self.output {
             outputs::file(path, Content::TransferFunction)?;
         }
@@ -175,7 +125,7 @@ impl TransferCommand {
             name: loaded.name,
             summary: TransferSummary::of(&loaded.transfer)?,
             presets: loaded.presets,
-            notes: loaded.notes,
+            notes: all_worded(loaded.notes),
         })?;
         Ok(ExitCode::SUCCESS)
     }

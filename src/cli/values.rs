@@ -1,7 +1,13 @@
 //! Values of options whose types live elsewhere: their names on the command line, with a line of help for each.
 
+use crate::app::convert::{Convention, Form, Repair, UpTarget};
+use crate::app::denoise::{Cuts, Direction, Filter, Guide};
+use crate::app::up::UpChoice;
+use crate::differentiate::study::ad_mode::Mode;
+use crate::formats::imaging::options::Axes;
+use crate::formats::imaging::volume::GridType;
+use crate::formats::sample::Endian;
 use crate::formats::vdb::{Codec, ResampleFilter};
-use crate::optimise::study::ad_mode::Mode;
 use crate::render::aov::Aov;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
@@ -46,7 +52,8 @@ value_enum!(Aov {
     Normal: "normal", "Mean direction in which the density falls: Denoising Normal.X, .Y and .Z (path tracing)";
     Position: "position", "Mean position of first collisions: Position.X, .Y and .Z (path tracing)";
     Depth: "depth", "Mean length along the viewing axis to first collisions: Depth.Z (path tracing)";
-    Motion: "motion", "Pixels that first collisions move from and to the next frame: Vector.X, .Y, .Z and .W (path tracing)";
+    Motion: "motion", "Pixels that first collisions move from and to the next frame: Vector.X, .Y, .Z and .W (path \
+                       tracing)";
     Samples: "samples", "Number of paths: Debug Sample Count.X (path tracing)";
     Halves: "halves", "Radiance of two independent halves of the paths: half_a.R, …, half_b.B (path tracing)";
 });
@@ -71,3 +78,91 @@ value_enum!(Mode {
     Reverse: "reverse" or "adjoint", "Backward: all parameters at once";
     Forward: "forward" or "tangent", "Forward: dual numbers, a few parameters at a time";
 });
+
+value_enum!(UpChoice {
+    Auto: "auto", "Axis that the metadata of the VDB or of the scene's VDBs (Houdini and Maya: y, Blender: z) or the \
+                   stage's upAxis state, else z";
+    Y: "y", "+Y, as in Houdini and Maya";
+    Z: "z", "+Z, as in Blender";
+});
+
+value_enum!(Filter {
+    Wrls2: "wrls2", "Guided filter in space and time, of the frames before and after";
+    Wrls: "wrls", "Weighted recursive least squares as published by Iglesias-Guitian et al. 2020";
+    Rls: "rls", "Recursive least squares without weights against outliers";
+    Svgf: "svgf", "Spatiotemporal variance-guided filtering, Schied et al. 2017";
+    Ema: "ema", "Exponential moving average, clamped to the colors around";
+});
+
+value_enum!(Direction {
+    Both: "both", "Frames before and after the frame";
+    Forward: "forward", "Frames before the frame alone, in two thirds of the time";
+});
+
+value_enum!(Guide {
+    Alpha: "alpha", "Alpha: of the files of the motion, else of the layer, else of the beauty; it does not count where \
+                     it is noisy";
+    None: "none", "The colors alone";
+});
+
+value_enum!(Cuts {
+    Auto: "auto", "Find them by how much the picture changes";
+    None: "none", "The sequence is one shot";
+});
+
+value_enum!(Form {
+    Fog: "fog", "Densities: 0 outside, 1 inside, with a ramp across the inner half of the narrow band";
+    LevelSet: "level-set", "Distances to the surface of one density, negative inside";
+});
+
+value_enum!(Convention {
+    Blender: "blender", "Blender: density, temperature, flame, color, velocity";
+    Houdini: "houdini", "Houdini: density, temperature, flame, Cd, vel";
+    Arnold: "arnold", "Arnold: density, temperature; it has no names of its own for the others";
+    Karma: "karma", "Karma: density, temperature, flame, Cd, vel";
+});
+
+value_enum!(UpTarget {
+    Auto: "auto", "The world lies as it did: nothing is turned";
+    Y: "y", "+Y, as in Houdini and Maya";
+    Z: "z", "+Z, as in Blender";
+});
+
+value_enum!(Repair {
+    Auto: "auto", "Fog volumes hold densities, other grids any values";
+    Density: "density", "All grids hold densities";
+});
+
+value_enum!(GridType {
+    Auto: "auto", "32-bit integers for images of integers that stay so, else 32-bit floats";
+    Float: "float", "32-bit floats";
+    Double: "double", "64-bit floats";
+    Int: "int", "32-bit integers";
+});
+
+value_enum!(Axes {
+    Xyz: "xyz", "array[x, y, z]";
+    Zyx: "zyx", "array[z, y, x]";
+});
+
+value_enum!(Endian {
+    Little: "little", "Least significant first";
+    Big: "big", "Most significant first";
+});
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Errors name settings' values as the command line takes them.
+    #[test]
+    fn values_have_one_name() {
+        let named = |value: PossibleValue| value.get_name().to_owned();
+        for aov in Aov::value_variants() {
+            assert_eq!(aov.to_possible_value().map(named).as_deref(), Some(aov.name()));
+        }
+        for filter in Filter::value_variants() {
+            assert_eq!(filter.to_possible_value().map(named).as_deref(), Some(filter.name()));
+        }
+    }
+}

@@ -1,8 +1,8 @@
 //! Sums over blocks of pixels, and the linear models that follow from them.
 //!
-//! Models of a guided filter (He, Sun & Tang 2013) are pooled over neighbourhoods much larger than a pixel, so that a coarse
-//! grid holds them without loss ("fast guided filter", He & Sun 2015): sums are kept for blocks of [`BLOCK`]² pixels, and
-//! coefficients are interpolated between the blocks' centres.
+//! Models of a guided filter (He, Sun & Tang 2013) are pooled over neighbourhoods much larger than a pixel, so that a
+//! coarse grid holds them without loss ("fast guided filter", He & Sun 2015): sums are kept for blocks of [`BLOCK`]²
+//! pixels, and coefficients are interpolated between the blocks' centres.
 
 use super::lanes::{LANES, Lanes};
 use std::ops::Range;
@@ -168,9 +168,10 @@ pub fn solve_row(
 /// Returns the coefficients of eight models from their sums, and their degrees of freedom by channel: four less what
 /// the ridge determines.
 ///
-/// The equations `(R + ridge) (β - β₀) = m - R β₀`, where β₀ predicts the feature, are solved by `L D Lᵀ`. The ridge is a share
-/// of the diagonal of R, here and over a wider neighbourhood (`wide`): where a dark block lies beside bright ones, its
-/// coefficients meet their features. It keeps every pivot above what rounding takes from it, for colors of any brightness.
+/// The equations `(R + ridge) (β - β₀) = m - R β₀`, where β₀ predicts the feature, are solved by `L D Lᵀ`. The ridge is
+/// a share of the diagonal of R, here and over a wider neighbourhood (`wide`): where a dark block lies beside bright
+/// ones, its coefficients meet their features. It keeps every pivot above what rounding takes from it, for colors of
+/// any brightness.
 #[inline(always)]
 fn solve(terms: &[Lanes; TERMS], wide: &[Lanes; 4]) -> ([Lanes; COEFFICIENTS], Lanes) {
     let [n, z0, z1, z2, z00, z01, z02, z11, z12, z22, ..] = *terms;
@@ -286,8 +287,8 @@ mod tests {
     use super::*;
     use nalgebra::Matrix4;
 
-    /// Degrees of freedom are the trace of (R + ridge)⁻¹ R: nearly four where features differ, and fewer where the ridge
-    /// decides.
+    /// Degrees of freedom are the trace of (R + ridge)⁻¹ R: nearly four where features differ, and fewer where the
+    /// ridge decides.
     #[test]
     fn degrees_of_freedom_are_a_trace() {
         for spread in [1.0_f64, 0.03, 0.01] {

@@ -217,8 +217,8 @@ mod tests {
         Estimate::of_row(blocks, Row { power: 48.0 * 500.0, apart, pooled })
     }
 
-    /// The error is what the residual has over the noise. Where a share of the residual comes back, less of that is left,
-    /// and as much of the noise is added.
+    /// The error is what the residual has over the noise. Where a share of the residual comes back, less of that is
+    /// left, and as much of the noise is added.
     #[test]
     fn error_is_residual_less_noise() {
         let [noise, error] = [0.04, 0.01].map(|square: f32| square * 48.0);

@@ -3,8 +3,8 @@
 
 use glam::Vec3;
 
-/// Returns the least and the greatest values, channel by channel, of the pixels within one of a pixel; pixels that are not
-/// finite are left out. `None` if none is left.
+/// Returns the least and the greatest values, channel by channel, of the pixels within one of a pixel; pixels that are
+/// not finite are left out. `None` if none is left.
 pub fn neighbourhood(color: &[Vec3], [width, height]: [usize; 2], [x, y]: [usize; 2]) -> Option<[Vec3; 2]> {
     let (columns, rows) = (x.saturating_sub(1)..(x + 2).min(width), y.saturating_sub(1)..(y + 2).min(height));
     let all = rows.flat_map(|row| columns.clone().map(move |column| color[row * width + column]));
@@ -14,8 +14,8 @@ pub fn neighbourhood(color: &[Vec3], [width, height]: [usize; 2], [x, y]: [usize
     })
 }
 
-/// Returns the feature of a pixel from the history that was reprojected to it: `α Ψ[history] + (1 - α) color`, where Ψ clamps
-/// the history to the range of the colors around the pixel.
+/// Returns the feature of a pixel from the history that was reprojected to it: `α Ψ[history] + (1 - α) color`, where Ψ
+/// clamps the history to the range of the colors around the pixel.
 #[inline(always)]
 pub fn follow(history: Vec3, color: Vec3, [low, high]: [Vec3; 2], alpha: f32) -> Vec3 {
     alpha * history.clamp(low, high) + (1.0 - alpha) * color

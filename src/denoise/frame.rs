@@ -12,8 +12,8 @@ pub struct Frame<'f> {
     pub size: [usize; 2],
     /// Scene-linear colors, row by row from the top. Pixels that are not finite are filled in.
     pub color: &'f [Vec3],
-    /// For each pixel the place of what it shows in the frame denoised before, minus its place here, in pixels to the right
-    /// and downwards; not finite where it was not seen. `None` for a picture at rest.
+    /// For each pixel the place of what it shows in the frame denoised before, minus its place here, in pixels to the
+    /// right and downwards; not finite where it was not seen. `None` for a picture at rest.
     pub motion: Option<&'f [Vec2]>,
     /// Alpha, which guides what looks for outlines.
     pub alpha: Option<&'f [f32]>,

@@ -171,9 +171,9 @@ impl pulp::NullaryFnOnce for Solve<'_> {
     }
 }
 
-/// Returns the changes of eight neighbourhoods from their sums; 0 where chance explains them. The lesser of the weighted
-/// and the unweighted change counts, and none where they differ in sign: what makes bright and dark pixels differ is
-/// something else than light.
+/// Returns the changes of eight neighbourhoods from their sums; 0 where chance explains them. The lesser of the
+/// weighted and the unweighted change counts, and none where they differ in sign: what makes bright and dark pixels
+/// differ is something else than light.
 #[inline(always)]
 fn change([product, square, even_product, even_square, chance]: [Lanes; TERMS]) -> Lanes {
     let least = Lanes([LEAST; LANES]);

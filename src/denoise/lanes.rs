@@ -111,8 +111,8 @@ impl Lanes {
     }
 }
 
-/// Returns an array of what `of` returns for each place. (`std::array::from_fn` is not always inlined, and then compiled for
-/// the baseline.)
+/// Returns an array of what `of` returns for each place. (`std::array::from_fn` is not always inlined, and then
+/// compiled for the baseline.)
 #[inline(always)]
 pub fn each<T: Copy + Default, const N: usize>(mut of: impl FnMut(usize) -> T) -> [T; N] {
     let mut to = [T::default(); N];

@@ -11,8 +11,8 @@ pub type Sums = [f32; STATE];
 /// Numbers of a block.
 pub const STATE: usize = TERMS.next_multiple_of(LANES);
 
-/// Returns the number that is added to the squares of features before errors are taken as shares of them. `level` is the root
-/// mean square of the features.
+/// Returns the number that is added to the squares of features before errors are taken as shares of them. `level` is
+/// the root mean square of the features.
 #[inline(always)]
 pub fn error_floor(level: f32) -> f32 {
     (0.2 * level).powi(2) + 1e-30

@@ -1,12 +1,12 @@
 //! Denoising of sequences in time.
 //!
-//! A pixel's color is regressed on a feature that follows the motion: a history of colors, which needs no G-buffers. From
-//! frame to frame the models move along, forget a little, and learn the new colors.
+//! A pixel's color is regressed on a feature that follows the motion: a history of colors, which needs no G-buffers.
+//! From frame to frame the models move along, forget a little, and learn the new colors.
 //!
-//! - [`wrls`] is weighted recursive least squares as published (Iglesias-Guitian, Mane & Moon 2020): a model for each pixel,
-//!   weights against outliers, and a blend of what the models around predict. [`model`] holds its numerics.
-//! - [`guided`] carries it further, for files: models on a grid of blocks, and a feature whose noise is independent of the
-//!   color's, from the frames before and, by a [`Lookahead`], from those that follow.
+//! - [`wrls`] is weighted recursive least squares as published (Iglesias-Guitian, Mane & Moon 2020): a model for each
+//!   pixel, weights against outliers, and a blend of what the models around predict. [`model`] holds its numerics.
+//! - [`guided`] carries it further, for files: models on a grid of blocks, and a feature whose noise is independent of
+//!   the color's, from the frames before and, by a [`Lookahead`], from those that follow.
 //! - [`still`] gives back to a single picture what was no noise.
 //! - [`ema`] and [`svgf`] are there to compare with.
 
@@ -52,8 +52,8 @@ pub use frame::{Denoised, Frame};
 pub use lookahead::Lookahead;
 pub use settings::Settings;
 
-/// Rows of pixels that a task takes, of a picture of so many rows. Neighbouring bands reproject some rows twice: they are as
-/// large as leaves each thread a few. Results do not depend on it.
+/// Rows of pixels that a task takes, of a picture of so many rows. Neighbouring bands reproject some rows twice: they
+/// are as large as leaves each thread a few. Results do not depend on it.
 fn band_rows(height: usize) -> usize {
     const BANDS_A_THREAD: usize = 3;
     const LEAST: usize = 8 * blocks::BLOCK;

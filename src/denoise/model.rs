@@ -1,11 +1,11 @@
 //! Linear models of a pixel's color by its feature, learned recursively.
 //!
-//! The model `I ≈ p β` has the predictor `p = [1, z]` of a feature z of three channels, and four coefficients for each channel
-//! of the color. Weighted recursive least squares with the forgetting factor λ minimises `Σ λ^age w (I - p β)²`. It is
-//! usually stated for the inverse `P` of the information matrix `R = Σ λ^age w pᵀp` (Ljung & Söderström 1987; the paper's
-//! equations 9 to 14). That form divides by λ what no sample confirms, so that `P` grows without bound where the feature
-//! stays the same, and rounding makes it indefinite. This one keeps `R` and the moments `Σ λ^age w pᵀI`, which are sums of what
-//! was seen and cannot grow, and solves for β with a ridge.
+//! The model `I ≈ p β` has the predictor `p = [1, z]` of a feature z of three channels, and four coefficients for each
+//! channel of the color. Weighted recursive least squares with the forgetting factor λ minimises `Σ λ^age w (I - p
+//! β)²`. It is usually stated for the inverse `P` of the information matrix `R = Σ λ^age w pᵀp` (Ljung & Söderström
+//! 1987; the paper's equations 9 to 14). That form divides by λ what no sample confirms, so that `P` grows without
+//! bound where the feature stays the same, and rounding makes it indefinite. This one keeps `R` and the moments `Σ
+//! λ^age w pᵀI`, which are sums of what was seen and cannot grow, and solves for β with a ridge.
 
 use glam::Vec3;
 
@@ -87,8 +87,9 @@ impl Model {
 
     /// Returns the coefficients. Where nothing was learned they predict the feature.
     ///
-    /// The equations `(R + ridge) (β - β₀) = m - R β₀` are scaled to a diagonal of 1, which makes them the same for colors of any
-    /// brightness, and solved by Cholesky's method. The ridge keeps every pivot above what rounding takes from it.
+    /// The equations `(R + ridge) (β - β₀) = m - R β₀` are scaled to a diagonal of 1, which makes them the same for
+    /// colors of any brightness, and solved by Cholesky's method. The ridge keeps every pivot above what rounding takes
+    /// from it.
     #[inline(always)]
     pub fn solve(&self) -> Coefficients {
         let scale: [f32; 4] = std::array::from_fn(|i| {
@@ -197,8 +198,8 @@ mod tests {
         assert!((a - b).abs().max_element() < 5e-3, "{a} {b}");
     }
 
-    /// A hundred thousand frames of input without variety leave the model finite, near to what it saw and as definite as
-    /// before; the textbook's form fails on some of it.
+    /// A hundred thousand frames of input without variety leave the model finite, near to what it saw and as definite
+    /// as before; the textbook's form fails on some of it.
     #[test]
     fn models_stay_definite_where_the_inverse_form_fails() {
         type Input = fn(u32) -> Vec3;

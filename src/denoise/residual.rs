@@ -280,8 +280,8 @@ mod tests {
         sums
     }
 
-    /// A point that shines on comes back, on whatever side of time it is seen, and where no other frame shows it; a bright
-    /// path does not, and nothing does that may be noise.
+    /// A point that shines on comes back, on whatever side of time it is seen, and where no other frame shows it; a
+    /// bright path does not, and nothing does that may be noise.
     #[test]
     fn points_that_shine_on_come_back() {
         let residual = [Lanes([0.8; LANES]); CHANNELS];

@@ -3,12 +3,13 @@
 use crate::error::{Error, Result};
 
 /// Constants of weighted recursive least squares.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
 pub struct Settings {
     /// Share of the history in the feature, α: 0 to below 1.
     pub history: f32,
-    /// Bandwidth h of the distance between color and feature, above which colors count as outliers: smaller is steadier, and
-    /// further off. Infinite to take every color as it is.
+    /// Bandwidth h of the distance between color and feature, above which colors count as outliers: smaller is
+    /// steadier, and further off. Infinite to take every color as it is.
     pub bandwidth: f32,
     /// Share λ of what was learned that is kept from frame to frame: above 0 to below 1.
     pub forgetting: f32,

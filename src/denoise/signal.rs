@@ -1,8 +1,8 @@
 //! Share of the residual that is signal.
 //!
 //! Several estimates of the [`noise`](super::noise) hold under different assumptions. Each alone can show that a
-//! residual is more than noise: the frame's own, that of all frames so far, and that of smooth surroundings. That of the
-//! nearest pixel takes the place of the frame's own where the frames around show another signal, and the
+//! residual is more than noise: the frame's own, that of all frames so far, and that of smooth surroundings. That of
+//! the nearest pixel takes the place of the frame's own where the frames around show another signal, and the
 //! [least of the frames before](super::minimum) that of the nearest pixel where texture hides the noise from it.
 
 use super::blocks::{Planes, Pool};
@@ -163,8 +163,8 @@ impl Pooled {
         other(now, self.noise).max(other(all, self.noises))
     }
 
-    /// Returns the mean square by pixel that the noise of the frame has at most, as far as chance goes; infinite where it
-    /// is not known on both sides of time. What frames around have lost together is none.
+    /// Returns the mean square by pixel that the noise of the frame has at most, as far as chance goes; infinite where
+    /// it is not known on both sides of time. What frames around have lost together is none.
     #[inline(always)]
     fn most_noise(&self) -> Lanes {
         let one = Lanes([1.0; LANES]);
@@ -424,8 +424,8 @@ mod tests {
         assert_eq!([of(0.2, 0.0), of(0.2, 0.5), of(-0.2, 0.5), of(0.0, 0.0)], [1.0, 0.0, 1.0, 0.0]);
     }
 
-    /// Neighbours that show too little noise are calibrated where enough of the picture fits, and the test is less strict
-    /// where much of it does not.
+    /// Neighbours that show too little noise are calibrated where enough of the picture fits, and the test is less
+    /// strict where much of it does not.
     #[test]
     fn pictures_calibrate() {
         let found = Calibration { by_time: 4.0, nearest: 1.0, everywhere: 2.0, squares: 0.5, count: 2.0 };

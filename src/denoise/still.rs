@@ -1,24 +1,27 @@
 //! A single picture: how much of what the denoiser took away is noise.
 //!
-//! A picture has no other frames that would tell detail from noise. Noise shows in second differences along both directions,
-//! which smooth shades and straight edges do not have (Immerkær 1996); detail shows in what was taken away alone.
+//! A picture has no other frames that would tell detail from noise. Noise shows in second differences along both
+//! directions, which smooth shades and straight edges do not have (Immerkær 1996); detail shows in what was taken away
+//! alone.
 
 use super::frame::{Denoised, Frame};
 use glam::Vec3;
 
-/// Share of the pixels whose second difference may be larger than that by which noise is measured: outlines are noise to it.
+/// Share of the pixels whose second difference may be larger than that by which noise is measured: outlines are noise
+/// to it.
 const OUTLINES: f64 = 0.25;
 /// Mean square of Gaussian noise over the square of the three-quarter quantile of its magnitude, 1 / 1.1503².
 const GAUSSIAN: f64 = 0.756;
 /// Sum of the squares of the kernel of second differences in both directions.
 const KERNEL: f64 = 36.0;
-/// Noise, as a share of the power that was taken away, from which on all of it counts as noise. Renders of 1 to 512 paths
-/// a pixel have 0.2 and more, pictures without noise 0.02 and less.
+/// Noise, as a share of the power that was taken away, from which on all of it counts as noise. Renders of 1 to 512
+/// paths a pixel have 0.2 and more, pictures without noise 0.02 and less.
 const ALL: f64 = 0.1;
 /// Change, as a share of the brightest color, up to which a pixel counts as left alone.
 const ALONE: f32 = 1e-6;
 
-/// Gives back what was taken away of a picture that is free of noise, or nearly so. Pixels that were filled in stay as they are.
+/// Gives back what was taken away of a picture that is free of noise, or nearly so. Pixels that were filled in stay as
+/// they are.
 pub fn keep_detail(frame: &Frame<'_>, denoised: &mut Denoised) {
     let share = noise_of(frame, &denoised.color) as f32;
     if share >= 1.0 {

@@ -1,6 +1,6 @@
-//! Spatiotemporal variance-guided filtering (SVGF; Schied et al. 2017) without G-buffers, which volumes do not have: colors
-//! and the moments of their luminance are averaged over frames along the motion, and a wavelet filter of growing width blurs
-//! what differs less than its standard deviation. It serves for comparison.
+//! Spatiotemporal variance-guided filtering (SVGF; Schied et al. 2017) without G-buffers, which volumes do not have:
+//! colors and the moments of their luminance are averaged over frames along the motion, and a wavelet filter of growing
+//! width blurs what differs less than its standard deviation. It serves for comparison.
 
 use super::ema::reprojected;
 use super::frame::{Denoised, Frame};

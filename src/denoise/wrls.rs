@@ -72,8 +72,8 @@ impl Wrls {
         Ok(Denoised { color, confidence, ..Denoised::default() })
     }
 
-    /// Returns what a pixel was in the frame before, mixed from the four pixels around its place there; `None` if it was not
-    /// seen.
+    /// Returns what a pixel was in the frame before, mixed from the four pixels around its place there; `None` if it
+    /// was not seen.
     fn history(&self, frame: &Frame<'_>, [x, y]: [usize; 2]) -> Option<Pixel> {
         let [width, _] = self.size;
         if self.pixels.is_empty() {
@@ -116,8 +116,8 @@ impl Wrls {
         Pixel { history: mixed, model }
     }
 
-    /// Returns a pixel's color as the models around it predict it from its feature, weighted by how near they are and how like
-    /// their features, and the samples that it rests on.
+    /// Returns a pixel's color as the models around it predict it from its feature, weighted by how near they are and
+    /// how like their features, and the samples that it rests on.
     fn blended(&self, learned: &[(Pixel, Coefficients)], [x, y]: [usize; 2]) -> (Vec3, f32) {
         let [width, height] = self.size;
         let Settings { spread, likeness, .. } = self.settings;

@@ -16,8 +16,8 @@ use std::path::{Path, PathBuf};
 const MOST_LINKS: usize = 40;
 
 /// Waits until no other process holds the lock of a folder, and holds it until the result is dropped. What is read and
-/// then written again under the lock loses nothing that another process writes meanwhile. File systems without locks let
-/// everybody pass.
+/// then written again under the lock loses nothing that another process writes meanwhile. File systems without locks
+/// let everybody pass.
 #[must_use]
 pub fn lock_folder(path: &Path) -> Option<File> {
     let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
@@ -290,8 +290,8 @@ fn followed(path: &Path) -> Result<PathBuf> {
         .hint("the links may form a circle; name the file itself"))
 }
 
-/// Metadata of the regular file at `place`; `None` if nothing stands there. Anything but a regular file is an error, and so
-/// is an input of the command.
+/// Metadata of the regular file at `place`; `None` if nothing stands there. Anything but a regular file is an error,
+/// and so is an input of the command.
 fn standing(named: &Path, place: &Path) -> Result<Option<Metadata>> {
     let found = match std::fs::metadata(place) {
         Ok(m) if m.is_file() => return protected::refuse(named, &m).map(|()| Some(m)),

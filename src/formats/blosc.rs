@@ -1,4 +1,5 @@
-//! Blosc 1 frames, as NanoVDB's and Zarr's files have them: blocks of LZ4, zlib or Zstandard, shuffled by bytes or bits.
+//! Blosc 1 frames, as NanoVDB's and Zarr's files have them: blocks of LZ4, zlib or Zstandard, shuffled by bytes or
+//! bits.
 //!
 //! Source: the format's description in c-blosc (`README_CHUNK_FORMAT.rst`).
 
@@ -151,9 +152,9 @@ fn unshuffle(bytes: &[u8], element: usize, out: &mut Vec<u8>) {
     out.extend_from_slice(&bytes[count * element..]);
 }
 
-/// Brings the bits of elements together: bit b of byte B of all elements is a row of bits, and rows are in ascending order
-/// of B, then of b. Elements behind the last group of eight stay; before version 3, a block with such elements is not
-/// shuffled at all.
+/// Brings the bits of elements together: bit b of byte B of all elements is a row of bits, and rows are in ascending
+/// order of B, then of b. Elements behind the last group of eight stay; before version 3, a block with such elements is
+/// not shuffled at all.
 fn unshuffle_bits(bytes: &[u8], header: &Header, out: &mut Vec<u8>) {
     let element = header.element;
     let count = bytes.len() / element;

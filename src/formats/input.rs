@@ -93,7 +93,7 @@ pub fn check_json_memory(text: &[u8], limits: Limits) -> Result<()> {
         mib(needed),
         mib(limits.max_memory)
     ))
-    .hint("raise --max-memory if the file is to be trusted"))
+    .hint("raise ⟨max_memory⟩ if the file is to be trusted"))
 }
 
 /// Upper estimate, from the punctuation of a JSON text, of the bytes that its values take in memory.

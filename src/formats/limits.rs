@@ -3,7 +3,8 @@
 use crate::error::Error;
 
 /// Limits of the memory that reading a file may take.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
 pub struct Limits {
     /// Largest number of bytes that the content read from a file may take in memory.
     pub max_memory: u64,
@@ -27,6 +28,6 @@ impl Limits {
             "the tree needs more than {needed} bytes ({leaves} leaves so far), {} are allowed",
             self.max_memory
         ))
-        .hint("raise --max-memory if the file is to be trusted, or crop or resample it where it was made")
+        .hint("raise ⟨max_memory⟩ if the file is to be trusted, or crop or resample it where it was made")
     }
 }

@@ -62,8 +62,8 @@ impl Format {
     }
 }
 
-/// Detects the format by the first bytes; the name matters for COLMAP's models and USD's stages alone. A folder counts as a
-/// capture, and its reader decides whether it holds one.
+/// Detects the format by the first bytes; the name matters for COLMAP's models and USD's stages alone. A folder counts
+/// as a capture, and its reader decides whether it holds one.
 ///
 /// # Errors
 /// If the path is no regular file (a device, a FIFO, a socket), or cannot be read.
@@ -100,9 +100,9 @@ pub fn unknown(path: &Path) -> Error {
         Ok(Some(format)) => Error::unsupported(format!("this is {}, and this command reads OpenVDB", format.name()))
             .hint("convert it first: cumulo convert IN OUT.vdb; cumulo info lists what it holds"),
         _ => Error::unsupported("no file of a known kind").hint(
-            "OpenVDB and OpenEXR files and USD stages are understood, and captures: a transforms.json, a model of COLMAP, or \
-             the folder that holds one; grids of NIfTI, NRRD, MetaImage, TIFF, VTK and NumPy become an OpenVDB file with \
-             cumulo convert",
+            "OpenVDB and OpenEXR files and USD stages are understood, and captures: a transforms.json, a model of \
+             COLMAP, or the folder that holds one; grids of NIfTI, NRRD, MetaImage, TIFF, VTK and NumPy become an \
+             OpenVDB file with cumulo convert",
         ),
     }
     .at(path)

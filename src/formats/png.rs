@@ -33,8 +33,8 @@ pub fn encode_grey8(width: usize, height: usize, grey: &[u8]) -> Result<Vec<u8>>
     encode_levels(width, height, grey, None)
 }
 
-/// Encodes the pixels `levels[y * width + x]`, each a color of the palette `rgb[3 * level + channel]`, as the bytes of an
-/// 8-bit PNG file.
+/// Encodes the pixels `levels[y * width + x]`, each a color of the palette `rgb[3 * level + channel]`, as the bytes of
+/// an 8-bit PNG file.
 ///
 /// # Errors
 /// If a side is 0 or exceeds 32 bits, `levels` does not have one byte per pixel, or `rgb` not three bytes per color.
@@ -90,8 +90,8 @@ impl ToneMapping {
 /// Keyword of the text that tells the tone mapping of a PNG.
 pub const TONE_MAPPING: &str = "Tone mapping";
 
-/// Writes a film's colors as an sRGB PNG, whose text chunks state the tone mapping and the attributes, each under its own
-/// name. The file appears whole or not at all.
+/// Writes a film's colors as an sRGB PNG, whose text chunks state the tone mapping and the attributes, each under its
+/// own name. The file appears whole or not at all.
 ///
 /// # Errors
 /// If the film has no pixels, an attribute's name is no keyword of 1 to 79 characters, or the file cannot be written.

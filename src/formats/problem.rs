@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Kind, Result};
 use crate::text::printable;
+use crate::wording::worded;
 use serde::Serialize;
 use std::fmt;
 
@@ -18,9 +19,9 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// A problem of the whole file.
+    /// A problem of the whole file, whose settings are named by the words of the process's face.
     pub fn new(what: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { part: None, what: what.into(), remedy: remedy.into() }
+        Self { part: None, what: worded(&what.into()).into(), remedy: worded(&remedy.into()).into() }
     }
 
     /// Names the place in the file.
@@ -37,7 +38,7 @@ impl Problem {
         if error.kind() == Kind::Io {
             return Err(error);
         }
-        let problem = Self::new(error.what(), error.remedy().unwrap_or("write or copy the file again"));
+        let problem = Self::new(error.what(), error.remedy().unwrap_or("write or copy the file again".into()));
         Ok(Self { part: error.place().map(str::to_owned), ..problem })
     }
 }

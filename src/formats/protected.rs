@@ -1,9 +1,9 @@
 //! Inputs of the running command, which no output replaces.
 //!
-//! A program that calls [`watch`] has every file protected that its readers open from then on, whichever option, capture,
-//! scene or stage named it, beside those that [`add`] names before they are read. [`atomic`](super::atomic) puts no output
-//! in the place of a protected file. Files are told by device and inode, so that links and other spellings of a path lead
-//! to the same file.
+//! A program that calls [`watch`] has every file protected that its readers open from then on, whichever option,
+//! capture, scene or stage named it, beside those that [`add`] names before they are read. [`atomic`](super::atomic)
+//! puts no output in the place of a protected file. Files are told by device and inode, so that links and other
+//! spellings of a path lead to the same file.
 
 use crate::error::{Error, Result};
 use std::collections::BTreeMap;

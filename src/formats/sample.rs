@@ -3,7 +3,8 @@
 use half::f16;
 
 /// Order of the bytes of a number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Endian {
     /// Least significant byte first.
     #[default]
@@ -13,7 +14,8 @@ pub enum Endian {
 }
 
 /// Type of a number in a file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 #[allow(missing_docs, reason = "the names say all: unsigned, signed and floating, with the number of bits")]
 pub enum Sample {
     U8,
@@ -77,7 +79,8 @@ impl Sample {
         !matches!(self, Self::F16 | Self::F32 | Self::F64)
     }
 
-    /// Appends the numbers of `bytes`, whose length is a multiple of the type's, to `out`. Integers beyond 2⁵³ are rounded.
+    /// Appends the numbers of `bytes`, whose length is a multiple of the type's, to `out`. Integers beyond 2⁵³ are
+    /// rounded.
     pub fn decode(self, endian: Endian, bytes: &[u8], out: &mut impl Extend<f64>) {
         macro_rules! numbers {
             ($type:ty, $n:literal, $to:expr) => {

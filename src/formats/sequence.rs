@@ -2,7 +2,9 @@
 //! `smoke.0001.vdb` and so on.
 
 use crate::error::{Error, Result};
+use crate::text::serde_as_text;
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -26,6 +28,20 @@ impl Frames {
         (self.first..=self.last).step_by(self.step as usize)
     }
 }
+
+impl fmt::Display for Frames {
+    /// Writes the text that [`FromStr`] reads.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { first, last, step } = self;
+        match (first == last, step) {
+            (true, _) => write!(f, "{first}"),
+            (false, 1) => write!(f, "{first}-{last}"),
+            (false, _) => write!(f, "{first}-{last}x{step}"),
+        }
+    }
+}
+
+serde_as_text!(Frames);
 
 impl FromStr for Frames {
     type Err = String;
@@ -63,7 +79,8 @@ pub struct Pattern {
 }
 
 impl Pattern {
-    /// Reads a path; `None` if its name has no number to be filled in. A file that exists under the very name is no pattern.
+    /// Reads a path; `None` if its name has no number to be filled in. A file that exists under the very name is no
+    /// pattern.
     pub fn parse(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
         let folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
@@ -75,8 +92,8 @@ impl Pattern {
         Some(Self { folder, head: name[..start].into(), tail: name[end..].into(), digits, frames })
     }
 
-    /// Returns the sequences of a folder's files: those with two numbers at least, whose names end in one of `endings`. The
-    /// number is the last one before the extension.
+    /// Returns the sequences of a folder's files: those with two numbers at least, whose names end in one of `endings`.
+    /// The number is the last one before the extension.
     ///
     /// # Errors
     /// If the folder cannot be read.
@@ -140,7 +157,8 @@ impl Pattern {
         let numbers: BTreeSet<u32> = names.filter_map(|name| number(&name)).collect();
         if numbers.is_empty() {
             return Err(Error::invalid("no file has such a name").at(self.path(1)).hint(
-                "the pattern stands for numbers of so many digits, such as smoke.0001.vdb for smoke.####.vdb; correct it",
+                "the pattern stands for numbers of so many digits, such as smoke.0001.vdb for smoke.####.vdb; correct \
+                 it",
             ));
         }
         Ok(numbers.into_iter().take(MOST_FRAMES).collect())
@@ -160,8 +178,9 @@ impl Pattern {
     }
 }
 
-/// Returns the numbers that are missing between the first and the last frame of a sequence, at most [`MOST_FRAMES`]. Three
-/// frames or more whose numbers are all multiples of a step apart, as those of `--frames 1-9x2`, are whole at that step.
+/// Returns the numbers that are missing between the first and the last frame of a sequence, at most [`MOST_FRAMES`].
+/// Three frames or more whose numbers are all multiples of a step apart, as those of `frames = 1-9x2`, are whole at
+/// that step.
 pub fn holes(numbers: &[u32]) -> Vec<u32> {
     let steps = numbers.windows(2).map(|pair| pair[1] - pair[0]);
     let step = if numbers.len() < 3 { 1 } else { steps.fold(0, divisor).max(1) };

@@ -121,9 +121,9 @@ pub fn undisturbed<T>(rename: impl FnOnce() -> T) -> T {
     rename()
 }
 
-/// Removes all registered files and folders at the end of the program, once nothing temporary is being created or renamed.
-/// Nothing temporary can be created or renamed afterwards: threads that try wait for ever. After `patience` the files are left:
-/// the calling thread itself may be the one that was creating one.
+/// Removes all registered files and folders at the end of the program, once nothing temporary is being created or
+/// renamed. Nothing temporary can be created or renamed afterwards: threads that try wait for ever. After `patience`
+/// the files are left: the calling thread itself may be the one that was creating one.
 pub fn remove_all(patience: Duration) {
     let begun = Instant::now();
     let list = loop {

@@ -28,7 +28,7 @@ impl Optics {
         }
         if let Some(mask) = &self.mask {
             return Err(Error::unsupported(format!("a mask ('mask_path' is {})", mask.display())).hint(
-                "`cumulo capture convert IN -o OUT --masked background` puts the background behind it; leave \
+                "⟨capture.convert.masked=background⟩ puts the background behind it; leave \
                  'mask_path' out to use all pixels",
             ));
         }

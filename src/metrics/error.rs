@@ -52,8 +52,8 @@ pub fn psnr_db(mse: f64, peak: f64) -> f64 {
     if mse == 0.0 { f64::INFINITY } else { 10.0 * (peak * peak / mse).log10() }
 }
 
-/// Peak signal-to-noise ratio in dB of a mean squared error, peak 1; at most 200 dB, beyond which differences are those of
-/// rounding.
+/// Peak signal-to-noise ratio in dB of a mean squared error, peak 1; at most 200 dB, beyond which differences are those
+/// of rounding.
 pub fn unit_psnr_db(mse: f64) -> f64 {
     -10.0 * mse.max(1e-20).log10()
 }

@@ -1,10 +1,10 @@
 //! Upper bounds of the radiance that is scattered, by the number of scatterings.
 //!
-//! Let τ be the greatest optical depth along a ray, ϖ the greatest albedo and D the greatest radiance that one scattering
-//! makes of light straight from its source. A ray collects at most `q = ϖ (1 - e^{-τ})` of what is scattered towards it,
-//! so that light scattered n times is at most `qⁿ D`, and light scattered n times or more at most `qⁿ D / (1 - q)`
-//! (the Neumann series of the radiative transfer equation in the maximum norm). A source whose radiance is nowhere above R
-//! never makes more than R, however often it is scattered.
+//! Let τ be the greatest optical depth along a ray, ϖ the greatest albedo and D the greatest radiance that one
+//! scattering makes of light straight from its source. A ray collects at most `q = ϖ (1 - e^{-τ})` of what is scattered
+//! towards it, so that light scattered n times is at most `qⁿ D`, and light scattered n times or more at most `qⁿ D /
+//! (1 - q)` (the Neumann series of the radiative transfer equation in the maximum norm). A source whose radiance is
+//! nowhere above R never makes more than R, however often it is scattered.
 
 use crate::scene::light::Most;
 use crate::scene::medium::{Medium, Source};

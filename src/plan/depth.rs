@@ -15,9 +15,10 @@ const EDGE: usize = 8;
 
 /// Returns an upper bound of the optical depth along any ray through a field.
 ///
-/// The field is divided into blocks of 1, 2, 4 or 8 cells along each edge. A ray crosses layers of blocks along the axis of
-/// index space in which it is steepest, and moves sideways by one block in each of them at most. The bound is the greatest
-/// sum of the blocks' majorants over all such chains, bent ones among them, times the length that a ray may have in a layer.
+/// The field is divided into blocks of 1, 2, 4 or 8 cells along each edge. A ray crosses layers of blocks along the
+/// axis of index space in which it is steepest, and moves sideways by one block in each of them at most. The bound is
+/// the greatest sum of the blocks' majorants over all such chains, bent ones among them, times the length that a ray
+/// may have in a layer.
 pub fn most<R: Real>(field: &Bricks<R>, medium: &Medium) -> f64 {
     let (min, max) = field.topology.places().fold((IVec3::MAX, IVec3::MIN), |(a, b), (at, _)| (a.min(at), b.max(at)));
     if min.x > max.x {
@@ -137,8 +138,8 @@ mod tests {
     use glam::{DMat3, DMat4};
     use std::sync::Arc;
 
-    /// Rays through a sparse field of uneven bricks, under a shear and a mirror: none is deeper than the bound, which is not
-    /// far above the deepest.
+    /// Rays through a sparse field of uneven bricks, under a shear and a mirror: none is deeper than the bound, which
+    /// is not far above the deepest.
     #[test]
     fn no_ray_is_deeper_than_the_bound() {
         let skewed = DMat3::from_cols(DVec3::new(-0.7, 0.1, 0.0), DVec3::new(0.2, 1.3, 0.0), DVec3::new(0.0, 0.3, 0.5));

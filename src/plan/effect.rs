@@ -1,7 +1,7 @@
 //! Effects that a scene may call for, by their names.
 
+use crate::text::serde_as_text;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::{Serialize, Serializer};
 use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
@@ -56,11 +56,7 @@ impl fmt::Display for Effect {
     }
 }
 
-impl Serialize for Effect {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
+serde_as_text!(Effect);
 
 impl JsonSchema for Effect {
     fn schema_name() -> Cow<'static, str> {

@@ -145,8 +145,8 @@ impl Plan {
     }
 }
 
-/// Returns a source whose radiance is multiplied by a share. Black ones keep the extinction alone where it has no function of its
-/// own.
+/// Returns a source whose radiance is multiplied by a share. Black ones keep the extinction alone where it has no
+/// function of its own.
 fn darkened(source: &Source, share: Vec3) -> Result<Source> {
     let times = |color: &[f32; 3]| (Vec3::from_array(*color) * share).to_array();
     Ok(match source {

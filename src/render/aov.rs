@@ -7,10 +7,11 @@ use crate::scene::camera::Camera;
 use crate::scene::film::{Film, Moments, Plane};
 
 /// An additional plane of a picture, or a layer of planes (arbitrary output variable).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Aov {
-    /// Variance of the mean over a pixel's rays, as planes `variance.R`, `.G`, `.B` and `.A`; infinite for one ray. For paths it
-    /// rests on two halves of them that are independent, pooled over the pixels around.
+    /// Variance of the mean over a pixel's rays, as planes `variance.R`, `.G`, `.B` and `.A`; infinite for one ray. For
+    /// paths it rests on two halves of them that are independent, pooled over the pixels around.
     Variance,
     /// Optical depth, the mean over a pixel's rays, as plane `optical_depth.V`.
     OpticalDepth,
@@ -27,18 +28,36 @@ pub enum Aov {
     Position,
     /// Mean length along the viewing axis to first collisions, as plane `Depth.Z`; 1e10 without any.
     Depth,
-    /// Mean motion of first collisions in the picture, in pixels to the right and upwards, as planes `Vector.X` and `.Y` (their
-    /// place in the frame before, minus that now) and `.Z` and `.W` (their place now, minus that in the frame after), as Blender's
-    /// pass of that name; 0 where no frame is or nothing is met. The volume counts as at rest: the camera moves.
+    /// Mean motion of first collisions in the picture, in pixels to the right and upwards, as planes `Vector.X` and
+    /// `.Y` (their place in the frame before, minus that now) and `.Z` and `.W` (their place now, minus that in the
+    /// frame after), as Blender's pass of that name; 0 where no frame is or nothing is met. The volume counts as at
+    /// rest: the camera moves.
     Motion,
     /// Number of paths, as plane `Debug Sample Count.X`.
     Samples,
-    /// Radiance of two halves of the paths, whose random numbers are independent, as planes `half_a.R`, `.G`, `.B` and `half_b.R`,
-    /// `.G`, `.B`: those of camera rays of even and of odd number.
+    /// Radiance of two halves of the paths, whose random numbers are independent, as planes `half_a.R`, `.G`, `.B` and
+    /// `half_b.R`, `.G`, `.B`: those of camera rays of even and of odd number.
     Halves,
 }
 
 impl Aov {
+    /// Name of the plane in settings, such as `optical-depth`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Variance => "variance",
+            Self::OpticalDepth => "optical-depth",
+            Self::Direct => "direct",
+            Self::Indirect => "indirect",
+            Self::Albedo => "albedo",
+            Self::Normal => "normal",
+            Self::Position => "position",
+            Self::Depth => "depth",
+            Self::Motion => "motion",
+            Self::Samples => "samples",
+            Self::Halves => "halves",
+        }
+    }
+
     /// True if the plane comes from scattered paths: direct volume rendering has no such thing.
     pub fn of_paths(self) -> bool {
         !matches!(self, Self::Variance | Self::OpticalDepth)

@@ -70,7 +70,8 @@ mod tests {
     proptest! {
         #[test]
         fn stretches_are_monotone_and_crossings_are_found(
-            cubic in prop::array::uniform4(-1.0..1.0_f64), sparse in prop::array::uniform4(any::<bool>()), f in 0.0..1.0_f64,
+            cubic in prop::array::uniform4(-1.0..1.0_f64), sparse in prop::array::uniform4(any::<bool>()),
+            f in 0.0..1.0_f64,
         ) {
             let cubic: [f64; 4] = std::array::from_fn(|k| if sparse[k] { 0.0 } else { cubic[k] });
             let ends = turns(cubic);

@@ -131,8 +131,8 @@ mod tests {
         Table::new(knots, [0.0, 3.0, 0.0, 0.0, 1.0, 0.5].map(value).to_vec()).unwrap()
     }
 
-    /// Interpolation between voxels, on a fine lattice in every cell of every brick: no extinction is above the bound, and
-    /// in bricks where the medium is monotonic the bound is reached.
+    /// Interpolation between voxels, on a fine lattice in every cell of every brick: no extinction is above the bound,
+    /// and in bricks where the medium is monotonic the bound is reached.
     #[test]
     fn bounds_hold_between_voxels_and_are_met() {
         let field = field();

@@ -114,8 +114,8 @@ impl<R: Real> Span<R> {
     };
 }
 
-/// A walk from brick to brick (Amanatides & Woo 1987) along τ, which is the world length t from the ray's origin, or its
-/// mirror image τ = -t for a walk far to near.
+/// A walk from brick to brick (Amanatides & Woo 1987) along τ, which is the world length t from the ray's origin, or
+/// its mirror image τ = -t for a walk far to near.
 struct BrickWalk {
     origin: [f64; 3],
     direction: [f64; 3],
@@ -360,10 +360,11 @@ mod tests {
             let all = (0..216).map(|i| IVec3::new(i / 36, i / 6 % 6, i % 6));
             let whole = Topology::new(all).unwrap();
             let masked = whole.masked(|brick| kept[brick] == 0);
-            let plain = Topology::new(masked.bricks().iter().enumerate().filter(|(i, _)| kept[*i] == 0).map(|(_, b)| *b));
-            let plain = plain.unwrap();
+            let unmasked = masked.bricks().iter().enumerate().filter(|(i, _)| kept[*i] == 0).map(|(_, b)| *b);
+            let plain = Topology::new(unmasked).unwrap();
             let target = IVec3::from_array(target).as_dvec3() + 0.5;
-            let away = DVec3::from_array(std::array::from_fn(|a| if straight[a] { 0.0 } else { f64::from(origin[a]) - 40.5 }));
+            let away = |a: usize| if straight[a] { 0.0 } else { f64::from(origin[a]) - 40.5 };
+            let away = DVec3::from_array(std::array::from_fn(away));
             prop_assume!(away != DVec3::ZERO);
             let ray = Ray { origin: target + away, direction: (-away).normalize() };
             let map = Affine::uniform(1.0, DVec3::ZERO).unwrap();

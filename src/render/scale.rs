@@ -25,8 +25,8 @@ pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -
     scale.is_finite().then_some(scale)
 }
 
-/// Returns the optical depths that the pixels of all cameras see where they see any, in ascending order. About 64 pixels
-/// along the shorter edge of each picture are sampled.
+/// Returns the optical depths that the pixels of all cameras see where they see any, in ascending order. About 64
+/// pixels along the shorter edge of each picture are sampled.
 pub fn depths<I: Integrator>(integrator: &I, cameras: &[Camera]) -> Vec<f64> {
     let of_camera = |scratch: &mut I::Scratch, camera: &Camera| {
         let stride = (camera.width.min(camera.height) / PIXELS).max(1);

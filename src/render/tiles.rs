@@ -64,8 +64,8 @@ fn stopped(cancel: Option<&AtomicBool>) -> bool {
     cancel.is_some_and(|flag| flag.load(Ordering::Relaxed))
 }
 
-/// Applies `work` to each unit, with scratch memory for each unit at work, and returns the results in the units' order; `None` if
-/// `cancel` was set before all were done.
+/// Applies `work` to each unit, with scratch memory for each unit at work, and returns the results in the units' order;
+/// `None` if `cancel` was set before all were done.
 pub fn map<U: Sync, S, T: Send>(
     units: &[U],
     cancel: Option<&AtomicBool>,
@@ -107,8 +107,8 @@ pub fn pixels<S, T: Send + Default + Clone>(
     (!stopped(cancel)).then_some(values)
 }
 
-/// Width and height of the tiles of [`pixels`]. A band of as many rows is one task; within it pixels go tile by tile, so
-/// that consecutive rays visit the same bricks. Small pictures need many tasks.
+/// Width and height of the tiles of [`pixels`]. A band of as many rows is one task; within it pixels go tile by tile,
+/// so that consecutive rays visit the same bricks. Small pictures need many tasks.
 const TILE: [usize; 2] = [16, 4];
 
 /// Sums over the units of each partition, in order, bit-identical for any number of threads if the number of partitions

@@ -1,8 +1,8 @@
-//! A slider through the slices of a volume along each index axis, with the slices of a reference, the differences and the
-//! confidence at the same places beside them.
+//! A slider through the slices of a volume along each index axis, with the slices of a reference, the differences and
+//! the confidence at the same places beside them.
 //!
-//! Slices are 8-bit PNGs with one byte a pixel: at most [`MOST_SLICES`] an axis of [`MOST_PIXELS`] squared, so that four
-//! panes along three axes are at most 9.5 MB of a page, and about a tenth of that for smoke.
+//! Slices are 8-bit PNGs with one byte a pixel: at most [`MOST_SLICES`] an axis of [`MOST_PIXELS`] squared, so that
+//! four panes along three axes are at most 9.5 MB of a page, and about a tenth of that for smoke.
 
 use super::number;
 use super::picture;

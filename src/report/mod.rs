@@ -67,8 +67,8 @@ impl Page {
         self
     }
 
-    /// Puts warnings, each with its remedy, in a banner at the top of the page; no banner if there are none. Warnings of an
-    /// earlier call are replaced.
+    /// Puts warnings, each with its remedy, in a banner at the top of the page; no banner if there are none. Warnings
+    /// of an earlier call are replaced.
     pub fn warnings(&mut self, warnings: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
         let banner = html! {
             aside id="warnings" class="banner" aria-label="Warnings" {
@@ -99,8 +99,8 @@ impl Page {
         Ok(self.section(heading, body))
     }
 
-    /// Adds a histogram of the values of a volume that are not zero, with that of a reference dashed; no section if there
-    /// are none.
+    /// Adds a histogram of the values of a volume that are not zero, with that of a reference dashed; no section if
+    /// there are none.
     ///
     /// # Errors
     /// If the plot cannot be drawn.
@@ -195,7 +195,8 @@ impl Page {
         Ok(self.section(heading, html! { figure.picture { (picture) figcaption.caption { (caption) } } }))
     }
 
-    /// Adds frames of several sequences side by side, with the differences, as a moving picture of `rate` frames a second.
+    /// Adds frames of several sequences side by side, with the differences, as a moving picture of `rate` frames a
+    /// second.
     ///
     /// # Errors
     /// If there is no frame, or a picture has no pixels.
@@ -272,7 +273,8 @@ impl Page {
                         @for section in &self.sections { (section) }
                     }
                     footer {
-                        "Pictures show radiance clipped to 0..1, in sRGB. Written by cumulo " (env!("CARGO_PKG_VERSION"))
+                        "Pictures show radiance clipped to 0..1, in sRGB. Written by cumulo \
+                         " (env!("CARGO_PKG_VERSION"))
                     }
                     script { (PreEscaped(script::SCRIPT)) }
                 }

@@ -22,8 +22,8 @@ pub fn rgb8(width: usize, height: usize, rgb: &[u8], aspect: f64, alt: &str) -> 
     moving(width, height, &[rgb], 0, aspect, alt)
 }
 
-/// Image element of pictures `rgb[3 * (y * width + x) + channel]` that follow each other at `rate` a second, without end.
-/// `aspect` is the displayed width over the height.
+/// Image element of pictures `rgb[3 * (y * width + x) + channel]` that follow each other at `rate` a second, without
+/// end. `aspect` is the displayed width over the height.
 ///
 /// # Errors
 /// If there is no picture, or one has no pixels.

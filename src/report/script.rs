@@ -1,5 +1,5 @@
-//! The script of the page: sliders through slices, and wipes between pictures. Without it the page shows the same pictures
-//! at rest.
+//! The script of the page: sliders through slices, and wipes between pictures. Without it the page shows the same
+//! pictures at rest.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

@@ -106,7 +106,8 @@ impl SphereMap {
                         span.key { span class={ "swatch c" (i % PALETTE.len()) } {} (walk.label) }
                     }
                     @if let Some(bar) = bar { span.key { (self.quantity) " " (bar) } }
-                    span.key { "Dots are where walks begin" @if self.best.is_some() { ", the ring is the best end" } "." }
+                    span.key { "Dots are where walks begin" @if self.best.is_some() { ", the ring is the best \
+                         end" } "." }
                 }
             }
         })

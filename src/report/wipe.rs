@@ -20,8 +20,8 @@ pub fn of(labels: [&str; 2], films: [&Film; 2]) -> Result<Markup> {
     })
 }
 
-/// A wipe between the first two pictures of the rows of the table beside it, by the script; hidden without it, since the
-/// table shows them side by side.
+/// A wipe between the first two pictures of the rows of the table beside it, by the script; hidden without it, since
+/// the table shows them side by side.
 pub fn of_table(labels: [&str; 2], names: &[&str]) -> Markup {
     html! {
         figure.wipe hidden {
@@ -37,7 +37,8 @@ fn controls([first, second]: [&str; 2], names: Option<&[&str]>) -> Markup {
             @if let Some(names) = names {
                 label { "View " select { @for name in names { option { (name) } } } }
             }
-            label.range { span { (first) } input type="range" min="0" max="100" value="50" aria-label="edge between the pictures"; span { (second) } }
+            label.range { span { (first) } input type="range" min="0" max="100" value="50" aria-label="edge between \
+                 the pictures"; span { (second) } }
         }
     }
 }

@@ -67,8 +67,8 @@ impl<V: Voxel> Bricks<V> {
 }
 
 impl<V> Bricks<V> {
-    /// Returns the places in [`Bricks::values`] of the eight voxels around index coordinates, and their weights by trilinear
-    /// interpolation; `None` outside the bricks.
+    /// Returns the places in [`Bricks::values`] of the eight voxels around index coordinates, and their weights by
+    /// trilinear interpolation; `None` outside the bricks.
     #[inline(always)]
     pub fn corners(&self, index: DVec3) -> Option<[(usize, f64); 8]> {
         let base = index.floor();
@@ -367,8 +367,8 @@ impl<R: Real> Bricks<R> {
         }
     }
 
-    /// Derivatives of the interpolated value with respect to the index coordinates; zero outside the bricks. On the face
-    /// between two cells they are those of the higher one.
+    /// Derivatives of the interpolated value with respect to the index coordinates; zero outside the bricks. On the
+    /// face between two cells they are those of the higher one.
     pub fn slopes(&self, index: DVec3) -> DVec3 {
         let cell = index.floor();
         let at = |d: DVec3| self.sample(cell + d).f64();
@@ -400,7 +400,7 @@ impl<R: Real> Bricks<R> {
 /// The error that `bytes` of memory are needed where `limit` are allowed.
 pub(crate) fn too_large(bytes: u64, limit: u64) -> Error {
     Error::unsupported(format!("needs {} MiB in memory, {} MiB are allowed", bytes.div_ceil(1 << 20), limit >> 20))
-        .hint("raise --max-memory, or reduce the grid with `cumulo convert --crop` or `--resample`")
+        .hint("raise ⟨max_memory⟩, or reduce the grid with ⟨convert.crop⟩ or ⟨convert.resample⟩")
 }
 
 /// All brick coordinates from `low` to `high`, both included.

@@ -62,7 +62,7 @@ impl CameraGradient {
 }
 
 /// A part of a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Window {
     /// Column and row of its first pixel.
     pub origin: [u32; 2],

@@ -20,8 +20,8 @@ pub enum Model {
     /// Pre-shaded volume: `L = ∫ T e dt + T · background`, with a grid of emitted radiance e per length beside that of
     /// extinction.
     PreShaded,
-    /// Emission, absorption and scattering, by path tracing. Of such pictures reconstructions take the densities from alpha
-    /// alone.
+    /// Emission, absorption and scattering, by path tracing. Of such pictures reconstructions take the densities from
+    /// alpha alone.
     Scattering,
 }
 
@@ -88,8 +88,8 @@ pub struct Capture {
     pub transfer: Option<Transfer>,
     /// Index-to-world map of the voxel lattice of the pictured volume, where the capture states it.
     pub lattice: Option<DMat4>,
-    /// Color space of pictures with integer samples; `None` where it is not stated. Pictures with floating-point samples
-    /// are scene-linear.
+    /// Color space of pictures with integer samples; `None` where it is not stated. Pictures with floating-point
+    /// samples are scene-linear.
     pub color_space: Option<ColorSpace>,
     /// Origin of the pictures; they count as renders unless it is stated.
     pub pictures: Option<Pictures>,
@@ -142,11 +142,10 @@ impl Capture {
                     .hint("`cumulo reconstruct color` finds such volumes"));
             }
             (Model::Scattering, ..) => {
-                return Err(Error::unsupported("the pictures show a medium that scatters light")
-                    .hint(
-                        "give pictures of absorption and emission; of these, `cumulo reconstruct density` finds the densities \
-                         by alpha, and `cumulo reconstruct color` the light as emission",
-                    ));
+                return Err(Error::unsupported("the pictures show a medium that scatters light").hint(
+                    "give pictures of absorption and emission; of these, `cumulo reconstruct density` finds the \
+                         densities by alpha, and `cumulo reconstruct color` the light as emission",
+                ));
             }
             (_, Some(transfer), _) => Source::Transfer(Arc::new(transfer.table()?)),
             (_, None, EmissionModel::Grey) => Source::Grey(self.emission),

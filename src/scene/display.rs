@@ -7,8 +7,8 @@ pub fn value(linear: f32) -> f32 {
     if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Returns the display values of a film's colors over black, clipped to 0..1. Numbers that are not finite, alpha and the
-/// other planes stay as they are.
+/// Returns the display values of a film's colors over black, clipped to 0..1. Numbers that are not finite, alpha and
+/// the other planes stay as they are.
 pub fn film(linear: &Film) -> Film {
     let mut to = linear.clone();
     for [colors @ .., _] in &mut to.rgba {

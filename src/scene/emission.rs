@@ -55,8 +55,8 @@ pub struct Emitted {
 }
 
 impl Emitted {
-    /// Creates the emission of a volume from the radiance emitted per world length in red, green and blue, and the extinction
-    /// per world length, as [`volume`] returns them.
+    /// Creates the emission of a volume from the radiance emitted per world length in red, green and blue, and the
+    /// extinction per world length, as [`volume`] returns them.
     pub fn new(grid: Bricks<Vec4>) -> Self {
         Self { grid, strength: OnceLock::new() }
     }
@@ -77,8 +77,8 @@ impl Emitted {
     }
 }
 
-/// Returns a volume's emission and extinction at its voxels: the sum of the emission of all grids in red, green and blue,
-/// and `extinction` times the density. The grids lie on the lattice of the density.
+/// Returns a volume's emission and extinction at its voxels: the sum of the emission of all grids in red, green and
+/// blue, and `extinction` times the density. The grids lie on the lattice of the density.
 ///
 /// # Errors
 /// If there are too many bricks, or a radiance is too large.
@@ -107,9 +107,9 @@ pub fn volume(density: &Bricks<f32>, extinction: f64, grids: &[(Bricks<f32>, Emi
 /// Temperature in K below which black bodies keep the color of this temperature, as in Blender.
 const COOLEST: f64 = 800.0;
 
-/// Returns what a black body of a temperature in K emits per world length: 1e-6 of its radiance `σ T⁴ / π` in W m⁻² sr⁻¹
-/// (Stefan-Boltzmann) in the color of its spectrum, whose luminance is 1. These are Blender's units. Colors outside of the
-/// gamut of Rec. 709 are moved to its border.
+/// Returns what a black body of a temperature in K emits per world length: 1e-6 of its radiance `σ T⁴ / π` in W m⁻²
+/// sr⁻¹ (Stefan-Boltzmann) in the color of its spectrum, whose luminance is 1. These are Blender's units. Colors
+/// outside of the gamut of Rec. 709 are moved to its border.
 pub fn blackbody(temperature: f64) -> DVec3 {
     const STEFAN_BOLTZMANN: f64 = 5.670_374_419e-8;
     color(temperature.max(COOLEST)) * (1e-6 * STEFAN_BOLTZMANN / PI * temperature.powi(4))
@@ -186,7 +186,8 @@ const OBSERVER: [[f64; 3]; 41] = [
 mod tests {
     use super::*;
 
-    /// A black body of 5000 K sends out 16 times the light of one of 2500 K; those that are hot beyond measure are blue.
+    /// A black body of 5000 K sends out 16 times the light of one of 2500 K; those that are hot beyond measure are
+    /// blue.
     #[test]
     fn black_bodies_have_their_colors() {
         // The colors that Blender's node has, where none of them is negative.

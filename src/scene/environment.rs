@@ -39,8 +39,8 @@ impl Environment {
 
 /// An equirectangular picture of the radiance from all directions, with a distribution by which directions are drawn.
 ///
-/// Unless it is turned, the top row is towards +Z. The middle of the picture is towards +X, and directions turn from +X to -Y to the right,
-/// as in Blender's *Environment Texture*.
+/// Unless it is turned, the top row is towards +Z. The middle of the picture is towards +X, and directions turn from +X
+/// to -Y to the right, as in Blender's *Environment Texture*.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EnvironmentMap {
     size: [usize; 2],

@@ -2,8 +2,8 @@
 //!
 //! Plane coordinates are x / z and y / z in a camera that looks along +z with x to the right and y **down**, as OpenCV
 //! and COLMAP have them. The radial and tangential model is that of D. C. Brown, "Decentering Distortion of Lenses"
-//! (1966), with OpenCV's rational denominator; the fisheye model is that of J. Kannala and S. Brandt (2006) as OpenCV has
-//! it.
+//! (1966), with OpenCV's rational denominator; the fisheye model is that of J. Kannala and S. Brandt (2006) as OpenCV
+//! has it.
 
 use crate::error::{Error, Result};
 use glam::DVec2;
@@ -16,7 +16,8 @@ pub enum Lens {
     Pinhole,
     /// Radial and tangential distortion.
     Brown {
-        /// Radial coefficients: the radius r is multiplied by (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶).
+        /// Radial coefficients: the radius r is multiplied by (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6
+        /// r⁶).
         radial: [f64; 6],
         /// Tangential coefficients p1 and p2.
         tangential: [f64; 2],

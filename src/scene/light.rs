@@ -287,8 +287,8 @@ fn in_cone(axis: DVec3, half_sine: f64, [u, v]: [f64; 2]) -> DVec3 {
     around(axis, 1.0 - drop, (drop * (2.0 - drop)).max(0.0).sqrt(), v)
 }
 
-/// Returns the unit vector at an angle to an axis that is given by its cosine and sine, turned about the axis by a share
-/// of a full turn.
+/// Returns the unit vector at an angle to an axis that is given by its cosine and sine, turned about the axis by a
+/// share of a full turn.
 #[inline]
 pub fn around(axis: DVec3, cosine: f64, sine: f64, turn: f64) -> DVec3 {
     let (x, y) = axis.any_orthonormal_pair();

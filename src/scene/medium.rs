@@ -1,8 +1,8 @@
 //! Participating media: what a volume's density d does to light.
 //!
 //! The extinction coefficient is `σ_t = extinction · d` per world length, or `extinction · τ(d)` with a transfer
-//! function; a chromatic medium has a share of it in each color channel. Of it the albedo ϖ is scattered, `σ_s = ϖ σ_t`,
-//! and the rest absorbed, `σ_a = (1 - ϖ) σ_t`; the medium emits the radiance `σ_a c` per world length.
+//! function; a chromatic medium has a share of it in each color channel. Of it the albedo ϖ is scattered, `σ_s = ϖ
+//! σ_t`, and the rest absorbed, `σ_a = (1 - ϖ) σ_t`; the medium emits the radiance `σ_a c` per world length.
 
 use crate::error::{Error, Result};
 use crate::scene::phase::Phase;
@@ -30,8 +30,8 @@ pub struct Scattering {
     /// Distribution of the scattered directions.
     pub phase: Phase,
     /// Gradient shading: the gradient of the density per world length at which half of the scattering is that of a
-    /// Lambertian surface across the gradient. Of a gradient of `r` times that much, the share is `r² / (1 + r²)`. `None`
-    /// for scattering by the phase function alone.
+    /// Lambertian surface across the gradient. Of a gradient of `r` times that much, the share is `r² / (1 + r²)`.
+    /// `None` for scattering by the phase function alone.
     pub gradient_shading: Option<f64>,
 }
 
@@ -98,7 +98,8 @@ impl Medium {
         self.color != [1.0; 3]
     }
 
-    /// Returns the medium that absorbs in every channel what this one takes from a ray in the channel of most extinction.
+    /// Returns the medium that absorbs in every channel what this one takes from a ray in the channel of most
+    /// extinction.
     pub fn densest_channel(&self) -> Self {
         Self { color: [1.0; 3], scattering: None, ..self.clone() }
     }
@@ -106,12 +107,12 @@ impl Medium {
     /// Returns the medium if its numbers can be used.
     ///
     /// # Errors
-    /// If the extinction is not positive and finite, shares of channels are not as stated, a source radiance is negative or
-    /// not finite, or scattering is not physical.
+    /// If the extinction is not positive and finite, shares of channels are not as stated, a source radiance is
+    /// negative or not finite, or scattering is not physical.
     pub fn checked(self) -> Result<Self> {
         if !(self.extinction > 0.0 && self.extinction.is_finite()) {
             return Err(Error::invalid(format!("extinction {} must be positive and finite", self.extinction))
-                .hint("correct --density-scale, or the capture's density_scale"));
+                .hint("correct ⟨density_scale⟩, or the capture's density_scale"));
         }
         if self.color.iter().any(|v| !(0.0..=1.0).contains(v)) || !self.color.contains(&1.0) {
             return Err(Error::invalid(format!(
@@ -124,7 +125,7 @@ impl Medium {
             && c.iter().any(|v| !(v.is_finite() && *v >= 0.0))
         {
             return Err(Error::invalid(format!("source radiance {c:?} must be finite and not negative"))
-                .hint("correct --emission, or the capture's emission"));
+                .hint("correct ⟨emission⟩, or the capture's emission"));
         }
         if let Some(Scattering { albedo, phase, gradient_shading }) = self.scattering {
             if albedo.iter().any(|v| !(0.0..=1.0).contains(v)) {

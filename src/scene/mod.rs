@@ -13,6 +13,7 @@ pub mod grid;
 pub mod lens;
 pub mod light;
 pub mod medium;
+pub mod neighbours;
 pub mod orbit;
 mod outline;
 pub mod phase;

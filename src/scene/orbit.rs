@@ -5,16 +5,18 @@ use crate::scene::up::Up;
 use glam::{DMat4, DVec2, DVec3};
 
 /// Distribution of views around a volume.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Layout {
     /// Evenly over the whole sphere by the golden angle, with no two views on one line.
+    #[default]
     Sphere,
     /// Evenly on the horizontal circle around the up axis.
     Ring,
 }
 
-/// Places `count` perspective cameras of `width` x `height` pixels around `points` so that each sees all points; on a sphere
-/// with margins of the same width on opposite sides, on a ring around the points' middle.
+/// Places `count` perspective cameras of `width` x `height` pixels around `points` so that each sees all points; on a
+/// sphere with margins of the same width on opposite sides, on a ring around the points' middle.
 /// `field_of_view` is the angle in degrees that the bounding sphere of the points subtends; it sets the cameras'
 /// distance. Cameras stand upright with respect to `up`, and [`Layout::Ring`] circles that axis.
 pub fn cameras(
@@ -66,8 +68,8 @@ pub fn cameras(
 /// Most steps of [`aimed`]; two or three suffice unless the outermost points change.
 const STEPS: usize = 20;
 
-/// Returns a camera moved sideways, along its picture's rows and columns, until the outermost points lie equally far from the
-/// middle on opposite sides.
+/// Returns a camera moved sideways, along its picture's rows and columns, until the outermost points lie equally far
+/// from the middle on opposite sides.
 fn aimed(camera_to_world: DMat4, points: &[DVec3]) -> DMat4 {
     let to_camera = camera_to_world.inverse();
     let seen: Vec<DVec3> = points.iter().map(|point| to_camera.transform_point3(*point)).collect();
@@ -94,8 +96,9 @@ fn aimed(camera_to_world: DMat4, points: &[DVec3]) -> DMat4 {
 }
 
 /// Places a perspective camera in a direction from the middle of `points`, whose pictures of `width` x `height` pixels
-/// they fill, upright with respect to `up`: the principal point is shifted so that the points' outline lies in the middle. `field_of_view` is the angle
-/// in degrees that the bounding sphere of the points subtends; it sets the camera's distance.
+/// they fill, upright with respect to `up`: the principal point is shifted so that the points' outline lies in the
+/// middle. `field_of_view` is the angle in degrees that the bounding sphere of the points subtends; it sets the
+/// camera's distance.
 pub fn fitted(points: &[DVec3], direction: DVec3, [width, height]: [u32; 2], field_of_view: f64, up: Up) -> Camera {
     let (centre, radius) = ball(points);
     let distance = radius.max(f64::MIN_POSITIVE) / (0.5 * field_of_view).to_radians().sin();

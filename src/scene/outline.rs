@@ -35,7 +35,8 @@ impl<R: Real> Bricks<R> {
         if positive.is_empty() { self.outline_of(|value| value != R::ZERO) } else { positive }
     }
 
-    /// World-space points around the voxels with a visible value and the cells they reach into; empty if there are none.
+    /// World-space points around the voxels with a visible value and the cells they reach into; empty if there are
+    /// none.
     pub fn outline_of(&self, visible: impl Fn(R) -> bool + Sync) -> Vec<DVec3> {
         let runs = self.runs(&visible);
         if runs.is_empty() {
@@ -116,8 +117,8 @@ mod tests {
     use crate::scene::bricks::Topology;
     use std::sync::Arc;
 
-    /// A ball of voxels over several bricks, beside one voxel that is negative: each point lies on the surface of the cells
-    /// around it, and no voxel's cells lie far outside of the planes through the points.
+    /// A ball of voxels over several bricks, beside one voxel that is negative: each point lies on the surface of the
+    /// cells around it, and no voxel's cells lie far outside of the planes through the points.
     #[test]
     fn points_lie_around_the_positive_voxels_alone() {
         let bricks = (0..4 * 4 * 5).map(|i| IVec3::new(i % 4 - 2, i / 4 % 4 - 2, i / 16 - 2));

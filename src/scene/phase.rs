@@ -8,8 +8,8 @@ use std::f64::consts::PI;
 pub enum Phase {
     /// All directions alike.
     Isotropic,
-    /// Henyey & Greenstein (1941) with the anisotropy g, the mean cosine of the angle by which light turns: above 0 most
-    /// goes on forward, below 0 most turns back.
+    /// Henyey & Greenstein (1941) with the anisotropy g, the mean cosine of the angle by which light turns: above 0
+    /// most goes on forward, below 0 most turns back.
     HenyeyGreenstein(f64),
 }
 
@@ -36,8 +36,8 @@ impl Phase {
         }
     }
 
-    /// Returns the density per steradian, given the cosine of the angle between the directions of propagation before and
-    /// after.
+    /// Returns the density per steradian, given the cosine of the angle between the directions of propagation before
+    /// and after.
     pub fn value(self, cosine: f64) -> f64 {
         match self {
             Self::Isotropic => 0.25 / PI,

@@ -55,8 +55,8 @@ impl Primaries {
         sound.then(|| primaries * DMat3::from_diagonal(luminances))
     }
 
-    /// Returns the matrix from linear RGB of these primaries to that of others. White becomes white, by Bradford's adaptation.
-    /// `None` if either primaries span no space.
+    /// Returns the matrix from linear RGB of these primaries to that of others. White becomes white, by Bradford's
+    /// adaptation. `None` if either primaries span no space.
     pub fn matrix_to(self, other: Self) -> Option<DMat3> {
         let [from, to] = [self.to_xyz()?, other.to_xyz()?];
         let cones = [from, to].map(|matrix| BRADFORD * (matrix * DVec3::ONE));
@@ -87,8 +87,8 @@ mod tests {
     const ACES: Primaries =
         Primaries { red: [0.7347, 0.2653], green: [0.0, 1.0], blue: [0.0001, -0.077], white: [0.32168, 0.33767] };
 
-    /// IEC 61966-2-1 states the matrix of sRGB to XYZ in four digits, and the Academy that of ACES to Rec.709 with Bradford's
-    /// adaptation (OpenColorIO's built-in transform) in seven.
+    /// IEC 61966-2-1 states the matrix of sRGB to XYZ in four digits, and the Academy that of ACES to Rec.709 with
+    /// Bradford's adaptation (OpenColorIO's built-in transform) in seven.
     #[test]
     fn matrices_are_those_of_the_standards() {
         let close = |matrix: DMat3, rows: [[f64; 3]; 3], digits: f64| {

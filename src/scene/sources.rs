@@ -33,7 +33,7 @@ fn check_values(grid: &Grid) -> Result<()> {
         return Ok(());
     }
     Err(Error::invalid(format!("{}; densities are finite and at least 0", found.join(" and "))).hint(
-        "`cumulo convert --repair=density` sets them to 0 and says how many there were; `cumulo convert --map LOW,HIGH` makes \
+        "⟨convert.repair=density⟩ sets them to 0 and says how many there were; ⟨convert.map=LOW,HIGH⟩ makes \
          densities of signed values, such as Hounsfield units",
     ))
 }
@@ -67,10 +67,11 @@ impl<'g> Sources<'g> {
     pub(super) fn new(grid: &'g Grid) -> Result<Self> {
         if grid.background != 0.0 {
             let hint = if grid.background.is_finite() {
-                "set the background to 0 where the grid was made; a level set, which has its narrow band as background, is \
-                 converted to a fog volume first; `cumulo convert --map LOW,HIGH` makes densities of other signed values"
+                "set the background to 0 where the grid was made; a level set, which has its narrow band as \
+                 background, is converted to a fog volume first; ⟨convert.map=LOW,HIGH⟩ makes densities of other \
+                 signed values"
             } else {
-                "`cumulo convert --repair` sets the background to 0"
+                "⟨convert.repair⟩ sets the background to 0"
             };
             let what = format!("background is {}, a fog volume has 0 outside", grid.background);
             return Err(Error::unsupported(what).hint(hint));
@@ -81,7 +82,7 @@ impl<'g> Sources<'g> {
         let most = grid.tiles.iter().fold(leaves, |a, t| a.max(t.value));
         if most > MOST_DENSITY {
             return Err(Error::invalid(format!("densities reach {most:e}, above {MOST_DENSITY:e}"))
-                .hint("scale them down where the grid was made; --density-scale takes the rest"));
+                .hint("scale them down where the grid was made; ⟨density_scale⟩ takes the rest"));
         }
         let mut tiles: [HashMap<IVec3, f32>; 3] = Default::default();
         for tile in grid.tiles.iter().filter(|t| t.value != 0.0) {

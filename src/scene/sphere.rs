@@ -69,7 +69,8 @@ impl Sphere {
     }
 }
 
-/// Axes (right, up, back) of the camera in the given direction from the centre that stands upright with respect to `up`.
+/// Axes (right, up, back) of the camera in the given direction from the centre that stands upright with respect to
+/// `up`.
 pub fn upright(direction: DVec3, up: Up) -> DMat3 {
     DMat3::from_mat4(Camera::look_at(direction, DVec3::ZERO, up.vector()))
 }

@@ -106,8 +106,8 @@ impl Table {
         if width > 0.0 && width.is_finite() { std::array::from_fn(|c| (b[c] - a[c]) / width) } else { [0.0; 4] }
     }
 
-    /// Returns the slope of a piece between knots that are rounded by `round`: of narrow pieces rounding changes it, and the
-    /// values at the ends stay. Where the knots coincide it is 0, as no density lies between them.
+    /// Returns the slope of a piece between knots that are rounded by `round`: of narrow pieces rounding changes it,
+    /// and the values at the ends stay. Where the knots coincide it is 0, as no density lies between them.
     pub fn slope_between(&self, piece: usize, round: impl Fn(f64) -> f64) -> Rgbs {
         let (knots, [lower, upper]) = self.ends(piece);
         let [low, high] = knots.map(round);

@@ -69,7 +69,7 @@ pub(crate) fn table_entries(min: IVec3, max: IVec3) -> Result<usize> {
             8 * extent.y,
             8 * extent.z
         ))
-        .hint("keep the part that matters with `cumulo convert --crop`")),
+        .hint("keep the part that matters with ⟨convert.crop⟩")),
     }
 }
 
@@ -82,7 +82,7 @@ pub(super) fn addressable(bricks: usize) -> Result<()> {
         return Ok(());
     }
     Err(Error::unsupported(format!("{bricks} blocks of 8³ voxels are more than can be addressed"))
-        .hint("take a part with `cumulo convert --crop`, or a coarser one with `--resample`"))
+        .hint("take a part with ⟨convert.crop⟩, or a coarser one with ⟨convert.resample⟩"))
 }
 
 impl Topology {
@@ -359,6 +359,6 @@ mod tests {
     #[test]
     fn specks_too_far_apart_are_refused() {
         let far = Topology::new([IVec3::ZERO, IVec3::splat(100_000)]);
-        assert!(far.unwrap_err().to_string().contains("--crop"));
+        assert!(far.unwrap_err().to_string().contains("`convert.crop`"));
     }
 }

@@ -22,9 +22,9 @@ pub struct Distorted<'f> {
 
 impl Distorted<'_> {
     /// Resamples the picture to a pinhole camera with the same pose and focal lengths, by bilinear interpolation of
-    /// scene-linear premultiplied values. The new picture is the largest rectangle of pixels that all lie between centres
-    /// of the old one's pixels, so that no pixel is invented; it reaches at most half a picture beyond the old raster on
-    /// each side.
+    /// scene-linear premultiplied values. The new picture is the largest rectangle of pixels that all lie between
+    /// centres of the old one's pixels, so that no pixel is invented; it reaches at most half a picture beyond the old
+    /// raster on each side.
     ///
     /// # Errors
     /// If the camera is orthographic, the film has another size than the camera, or no pixel of the picture is seen.
@@ -250,8 +250,8 @@ mod tests {
                 worst = worst.max((red - radiance(plane)).abs());
                 assert!((green - 1.0).abs() < 1e-6 && (alpha - 1.0).abs() < 1e-6, "no border shines through");
             }
-            // Bilinear interpolation errs by at most the sum of |∂²| / 8 over both axes: 0.3 (3² + 2.5²) / 8 in units of
-            // a pixel's plane size squared, 1/60², and the lens stretches by less than 1.5.
+            // Bilinear interpolation errs by at most the sum of |∂²| / 8 over both axes: 0.3 (3² + 2.5²) / 8 in units
+            // of a pixel's plane size squared, 1/60², and the lens stretches by less than 1.5.
             let bound = (0.3 * (9.0 + 6.25) / 8.0 * (1.5_f32 / 60.0).powi(2)).max(1e-6);
             assert!(worst < bound, "{lens:?}: {worst} of {bound}");
         }

@@ -39,8 +39,8 @@ impl Up {
     }
 
     /// Rotation that takes a world with this axis upwards to one with `to` upwards: the quarter turn about x of
-    /// (x, y, z) to (x, -z, y) from Y to Z, its inverse from Z to Y, and the identity between equal axes. Entries are 0, 1
-    /// and -1, so that products with them are exact.
+    /// (x, y, z) to (x, -z, y) from Y to Z, its inverse from Z to Y, and the identity between equal axes. Entries are
+    /// 0, 1 and -1, so that products with them are exact.
     pub fn turn(self, to: Self) -> DMat3 {
         match (self, to) {
             (Self::Y, Self::Z) => DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y),

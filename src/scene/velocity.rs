@@ -14,8 +14,8 @@ const TILE_EDGES: [i32; 3] = [8, 128, 4096];
 pub struct Velocity {
     /// Map from index space to world space.
     transform: Affine,
-    /// Values of the blocks of 8³ voxels, x, y and z of each voxel in the order of [`voxel_offset`], by their first voxel
-    /// over 8.
+    /// Values of the blocks of 8³ voxels, x, y and z of each voxel in the order of [`voxel_offset`], by their first
+    /// voxel over 8.
     leaves: HashMap<IVec3, Vec<f32>>,
     /// Constant blocks by their edge, and their first voxel over it.
     tiles: HashMap<(i32, IVec3), Vec3>,
@@ -76,8 +76,8 @@ impl Velocity {
         self.finite(value)
     }
 
-    /// Returns the velocities of a volume that is placed in the world by a map of column vectors, which turns and scales
-    /// them too.
+    /// Returns the velocities of a volume that is placed in the world by a map of column vectors, which turns and
+    /// scales them too.
     ///
     /// # Errors
     /// If the map is singular or not affine.
@@ -125,7 +125,7 @@ impl Velocity {
 
 fn not_finite() -> Error {
     Error::invalid("velocities are NaN or infinite")
-        .hint("`cumulo convert --repair` sets such values to 0, or export the grid again")
+        .hint("⟨convert.repair⟩ sets such values to 0, or export the grid again")
 }
 
 #[cfg(test)]

@@ -100,5 +100,5 @@ pub fn scale(volume: &mut Bricks<Vec4>, by: f64) -> Result<()> {
         return Ok(());
     }
     Err(Error::invalid(format!("density scale {by:e} makes emissions or extinctions too large for single precision"))
-        .hint("give a smaller --density-scale, or correct the capture's density_scale"))
+        .hint("give a smaller ⟨density_scale⟩, or correct the capture's density_scale"))
 }

@@ -2,10 +2,10 @@
 //! with the cameras that `python/peers/run_vtk.py` and `run_torch.py` have. One JSON line on stdout.
 
 use super::turns::{in_turn, median};
+use cumulo::differentiate::gradient::pictures::{self, Gradients, Target, Workspace};
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
 use cumulo::math::Aabb;
-use cumulo::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
 use cumulo::real::Real;
 use cumulo::render::composited::Composited;
 use cumulo::render::differentiable::Adjoint;

@@ -6,7 +6,8 @@
 
 mod denoise;
 mod dvr;
-#[path = "../fields/mod.rs"]
+#[allow(dead_code, reason = "the tests use the rest")]
+#[path = "../common/fields.rs"]
 mod fields;
 mod paths;
 mod rays;

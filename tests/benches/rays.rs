@@ -3,10 +3,10 @@
 use super::fields;
 use super::row::Row;
 use super::turns::{in_turn, median, ratio};
+use cumulo::differentiate::gradient::pictures::{self, Gradients, Target, Workspace};
+use cumulo::inverse::observation::depth_map::{DepthMap, Limit};
+use cumulo::inverse::projection::projector::Projector;
 use cumulo::math::{Affine, Ray};
-use cumulo::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
-use cumulo::optimise::projection::depth_map::{DepthMap, Limit};
-use cumulo::optimise::projection::projector::Projector;
 use cumulo::render::composited::Composited;
 use cumulo::render::differentiable::Adjoint;
 use cumulo::render::dvr::{Dvr, Tape};

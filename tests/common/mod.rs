@@ -1,58 +1,10 @@
-//! What the tests share: generated volumes.
-#![allow(dead_code, clippy::unwrap_used, missing_docs)]
+//! What the tests share.
 
-use cumulo::math::Affine;
-use cumulo::scene::grid::{Grid, GridClass, Leaf, Tile};
-use glam::DVec3;
-use std::collections::BTreeMap;
-
-/// A fog volume of `n`³ leaves from a hash, with about half of the voxels active, an active and an
-/// inactive tile.
-pub fn fog(name: &str, n: i32, seed: u64) -> Grid {
-    let mut state = seed | 1;
-    let mut next = move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 40) as f32 / (1u64 << 24) as f32
-    };
-    let mut leaves = Vec::new();
-    for x in 0..n {
-        for y in 0..n {
-            for z in 0..n {
-                let mut leaf = Leaf {
-                    origin: [8 * (x - n / 2), 8 * (y - n / 2), 8 * (z - n / 2)],
-                    values: Box::new([0.0; 512]),
-                    active: [0; 8],
-                };
-                for i in 0..512 {
-                    let v = next();
-                    if v > 0.5 {
-                        leaf.values[i] = v;
-                        leaf.active[i >> 6] |= 1 << (i & 63);
-                    }
-                }
-                leaves.push(leaf);
-            }
-        }
-    }
-    Grid {
-        name: name.into(),
-        class: GridClass::FogVolume,
-        transform: Affine::uniform(0.25, DVec3::new(1.0, -2.0, 3.0)).unwrap(),
-        background: 0.0,
-        leaves,
-        tiles: vec![
-            Tile { origin: [-4096, 0, 0], dim: 128, value: 0.5, active: true },
-            Tile { origin: [512, 512, 512], dim: 8, value: 0.25, active: false },
-        ],
-        metadata: BTreeMap::new(),
-    }
-}
-
-/// Runs a script in Debian's Python, which has pyopenvdb.
-///
-/// # Panics
-/// If the script fails, with what it printed.
-pub fn python(script: &str) {
-    let out = std::process::Command::new("/usr/bin/python3").args(["-c", script]).output().unwrap();
-    assert!(out.status.success(), "{}\n{script}", String::from_utf8_lossy(&out.stderr));
-}
+pub mod fields;
+pub mod grids;
+pub mod images;
+pub mod random;
+pub mod replaced;
+pub mod scenes;
+pub mod stages;
+pub mod work;

@@ -2,10 +2,10 @@
 //!
 //! `cargo run --release --example gradient_of_a_picture -- fixtures/plume.vdb`
 
+use cumulo::differentiate::gradient::objective::{ActiveParameters, Objective};
+use cumulo::differentiate::loss::Loss;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
-use cumulo::optimise::gradient::objective::{ActiveParameters, Objective};
-use cumulo::optimise::loss::Loss;
 use cumulo::render::differentiable::Adjoint;
 use cumulo::render::dvr::Dvr;
 use cumulo::scene::bricks::Bricks;

@@ -6,11 +6,12 @@ use cumulo::cancel::Cancel;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::{Codec, write_grids};
 use cumulo::formats::{exr, transforms};
-use cumulo::optimise::density::{self, Outcome, Request};
-use cumulo::optimise::projection::observation::Observation;
-use cumulo::optimise::projection::photo::Photo;
-use cumulo::optimise::region::hull::Hull;
-use cumulo::optimise::region::lattice;
+use cumulo::inverse::density::multilevel;
+use cumulo::inverse::density::{Outcome, Request};
+use cumulo::inverse::observation::Observation;
+use cumulo::inverse::observation::photo::Photo;
+use cumulo::inverse::region::hull::Hull;
+use cumulo::inverse::region::lattice;
 use cumulo::{Error, Result};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -46,7 +47,7 @@ pub fn run(folder: &Path, volume: &Path) -> Result<Outcome> {
         cancel: Cancel::NEVER,
         closing: Cancel::NEVER,
     };
-    let outcome = density::reconstruct(&observation, &request, |_| ControlFlow::Continue(()))?;
+    let outcome = multilevel::reconstruct(&observation, &request, |_| ControlFlow::Continue(()))?;
     write_grids(volume, &[&outcome.field.to_grid("density")], &BTreeMap::new(), Codec::default(), false)?;
     Ok(outcome)
 }

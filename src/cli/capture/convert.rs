@@ -3,11 +3,13 @@
 use super::photographs::Setting;
 use super::pictures::{self, Choices, Masked, VideoFrames, View};
 use super::placement::{Placement, moved};
+use crate::app::checks::Warning;
+use crate::app::outputs;
+use crate::app::photos;
+use crate::app::provenance::Provenance;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::outputs;
-use crate::cli::photos;
-use crate::cli::provenance::Provenance;
+use crate::cli::words;
 use crate::error::{Error, Result};
 use crate::formats::atomic::{self, Batch};
 use crate::formats::protected;
@@ -15,7 +17,6 @@ use crate::formats::transforms::{self, FILE_NAME};
 use crate::formats::usd::{Stage, Views};
 use crate::formats::views::{Optics, StatedCapture};
 use crate::formats::{self, Format, captures, colmap, exr, picture};
-use crate::optimise::plausibility::Warning;
 use crate::scene::capture::{Capture, Frame, Pictures};
 use crate::scene::color_space::ColorSpace;
 use serde::Serialize;
@@ -28,8 +29,8 @@ use std::process::ExitCode;
 ///
 /// Pictures that a lens distorts are resampled, by bilinear interpolation of linear light, to a pinhole camera with the
 /// same focal lengths, and cropped to the largest rectangle in which every pixel was seen. PNG and JPEG become EXRs by
-/// their color space; straight alpha is composited over the background of the capture. EXRs in which nothing changes stay
-/// where they are.
+/// their color space; straight alpha is composited over the background of the capture. EXRs in which nothing changes
+/// stay where they are.
 #[derive(Debug, clap::Args)]
 pub struct Convert {
     /// transforms.json of instant-ngp, nerfstudio or Blender, a model of COLMAP, the folder of either, or a USD stage
@@ -40,15 +41,16 @@ pub struct Convert {
     /// Folder to write into
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// Take the pictures from this folder, by their names, or from a pattern such as renders/view_####.exr or from these
-    /// files, in the order of the views; files may be videos, which ffmpeg decodes
+    /// Take the pictures from this folder, by their names, or from a pattern such as renders/view_####.exr or from
+    /// these files, in the order of the views; files may be videos, which ffmpeg decodes
     #[arg(long, value_name = "FOLDER|PATTERN|FILE", num_args = 1..)]
     pictures: Vec<PathBuf>,
     /// Frame of videos, counted from 0
     #[arg(long, value_name = "N", default_value_t = 0)]
     frame: u32,
-    /// The pictures are photographs, or frames of videos, of a medium in a dark room or before an evenly lit background:
-    /// model and background are measured and stated, and the color space of integer samples is sRGB unless stated
+    /// The pictures are photographs, or frames of videos, of a medium in a dark room or before an evenly lit
+    /// background: model and background are measured and stated, and the color space of integer samples is sRGB unless
+    /// stated
     #[arg(long)]
     photographs: bool,
     /// Description of the cameras
@@ -86,7 +88,7 @@ enum Target {
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Report {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     output: PathBuf,
     views: usize,
     /// Number of pictures that were written.
@@ -115,7 +117,7 @@ impl Convert {
     /// # Errors
     /// If capture or pictures cannot be read or used, or files cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut provenance = Provenance::begin();
+        let mut provenance = words::provenance("capture convert", output);
         let limits = self.memory.limits();
         outputs::folder(&self.output)?;
         let mut stated = self.stated()?;
@@ -145,7 +147,7 @@ impl Convert {
         let mut batch = Batch::new();
         self.folders(&folder, &main).into_iter().try_for_each(|folder| batch.make_folder(&folder))?;
 
-        let bar = output.progress(views.len() as u64, "converting");
+        let bar = output.steps(views.len() as u64, "converting");
         let mut capture = stated.capture.clone();
         let mut setting = Setting::default();
         for (i, view) in views.iter().enumerate().filter(|(_, view)| written(view) || self.photographs) {
@@ -160,7 +162,7 @@ impl Convert {
             capture.frames[i] = Frame { camera, picture: picture(i) };
             bar.inc(1);
         }
-        bar.finish_and_clear();
+        drop(bar);
         let integer: Vec<_> = views.iter().filter_map(|view| view.integer(&stated.capture)).collect();
         if let Some(map) = self.placement.map(&capture)? {
             capture = moved(capture, map);
@@ -199,7 +201,7 @@ impl Convert {
     /// Makes sure that the outputs replace neither inputs nor files that another command wrote.
     fn spare(&self, main: &Path, pictures: &[PathBuf], provenance: &Provenance) -> Result<()> {
         pictures.iter().map(PathBuf::as_path).chain([main]).try_for_each(protected::check)?;
-        if self.overwrite { Ok(()) } else { outputs::spare_captures(main, pictures, &provenance.command) }
+        if self.overwrite { Ok(()) } else { outputs::spare_captures(main, pictures, provenance) }
     }
 
     /// Reads the capture, with what the options say otherwise.
@@ -301,6 +303,6 @@ impl fmt::Display for Report {
         if let Some(setting) = &self.setting {
             writeln!(f, "  {setting}")?;
         }
-        crate::cli::run::write_warnings(f, &self.warnings)
+        crate::app::run::write_warnings(f, &self.warnings)
     }
 }

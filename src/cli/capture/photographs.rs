@@ -40,9 +40,9 @@ impl Setting {
         self.border.extend(border);
     }
 
-    /// States the setting in a capture, and returns it in words. The background is that of the borders unless it is given.
-    /// What is lighter than it scatters or emits: a real medium follows the model of a grey source about, whose radiance
-    /// no pixel exceeds.
+    /// States the setting in a capture, and returns it in words. The background is that of the borders unless it is
+    /// given. What is lighter than it scatters or emits: a real medium follows the model of a grey source about, whose
+    /// radiance no pixel exceeds.
     ///
     /// # Errors
     /// If most of the borders have another color than the median, or there is nothing but background.

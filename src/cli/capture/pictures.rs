@@ -35,8 +35,8 @@ pub(super) struct Choices<'c> {
 }
 
 /// Takes the pictures from elsewhere: those of a folder with the same names (of any suffix), of a pattern such as
-/// `renders/view_####.exr`, whose files stand for the views in the order of their numbers, or the named files in the order
-/// of the views.
+/// `renders/view_####.exr`, whose files stand for the views in the order of their numbers, or the named files in the
+/// order of the views.
 ///
 /// # Errors
 /// If a picture is not found, or there are fewer or more files than views.
@@ -144,7 +144,10 @@ impl<'v> View<'v> {
                     frame.camera.width, frame.camera.height
                 ))
                 .at(&frame.picture)
-                .hint("give the pictures that the cameras were calibrated with, or correct 'w', 'h' and the focal lengths"));
+                .hint(
+                    "give the pictures that the cameras were calibrated with, or correct 'w', 'h' and the focal \
+                       lengths",
+                ));
             }
             if optics.mask.is_some() && choices.masked.is_none() {
                 return Err(Error::invalid("the capture has masks ('mask_path')")

@@ -1,7 +1,7 @@
 //! Figures of sequences against a reference.
 
 use super::space::{Space, flip};
-use crate::cli::failed::{Failed, List};
+use crate::app::failed::{Failed, List};
 use crate::error::Result;
 use crate::metrics::error::psnr_db;
 use crate::metrics::{self, Comparison, flicker};
@@ -61,7 +61,7 @@ pub struct Report {
     /// Differences between the frames beside their samples, in words.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub differences: Vec<String>,
-    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "crate::cli::paths::text")]
+    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "crate::app::paths::text")]
     pub report: Option<PathBuf>,
 }
 

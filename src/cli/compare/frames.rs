@@ -4,10 +4,10 @@ use super::figures::{Gauge, Report};
 use super::page::Gallery;
 use super::traits::Matched;
 use super::{Arguments, ENDINGS};
-use crate::cli::failed::{self, Failed};
-use crate::cli::frames::{Results, Sequence, common, each};
+use crate::app::failed::Failed;
+use crate::app::provenance::Provenance;
+use crate::app::sequence::{Results, Sequence, common, each};
 use crate::cli::output::Output;
-use crate::cli::provenance::Provenance;
 use crate::cli::report;
 use crate::error::{Error, Result};
 use crate::formats::exr;
@@ -42,7 +42,7 @@ pub fn run(arguments: &Arguments, [a, b]: [&Sequence; 2], output: &Output) -> Re
         return Err(Error::invalid("--heatmap: a sequence has many differences")
             .hint("compare one frame of it, or show them all with --report"));
     }
-    let provenance = Provenance::begin();
+    let provenance = Provenance::begin(output);
     let beside = arguments.beside.as_ref().map(|path| {
         arguments.frames.sequence(path, &ENDINGS)?.ok_or_else(|| {
             Error::invalid("--beside: this names no sequence").at(path).hint("give a name such as 'noisy.####.exr'")
@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments, [a, b]: [&Sequence; 2], output: &Output) -> Re
     work.all(&both, output)?;
     let Work { first, other, gallery, failed, apart, differ, .. } = work;
     let beside = beside.map(|_| other.closed());
-    failed::tell(&failed);
+    output.failed(&failed);
     // A frame that one sequence lacks is a difference, as it is for `diff`.
     let differ = differ || !left_out.is_empty() || !apart.is_empty();
     let listed = |(what, frames): (String, Vec<u32>)| format!("frames {}: {what}", ranges(frames));
@@ -86,7 +86,7 @@ impl Work<'_> {
     /// Reads and compares the frames, as many at a time as there are threads.
     fn all(&mut self, numbers: &[u32], output: &Output) -> Result<()> {
         let limits = self.arguments.memory.limits();
-        let bar = output.progress(numbers.len() as u64, "compare");
+        let bar = output.steps(numbers.len() as u64, "compare");
         let mut at = 0;
         for chunk in numbers.chunks(rayon::current_num_threads().max(1)) {
             for (number, pictures) in self.read(chunk, limits, output)? {
@@ -102,9 +102,7 @@ impl Work<'_> {
 
     /// Reads the pictures of some frames, the reference last.
     fn read(&self, numbers: &[u32], limits: Limits, output: &Output) -> Result<Results<Vec<Matched>>> {
-        let (results, _) =
-            output.keep(|silent| each(numbers, "reading", limits, silent, |n, limits| self.pictures(n, limits)))?;
-        Ok(results)
+        each(numbers, "reading", limits, &output.silent(), |n, limits| self.pictures(n, limits))
     }
 
     fn pictures(&self, number: u32, limits: Limits) -> Result<Vec<Matched>> {

@@ -7,10 +7,10 @@ mod space;
 mod statistical;
 mod traits;
 
-use crate::cli::frames::FramesOption;
+use crate::app::outputs::{self, Content};
+use crate::app::sequence::FrameSelection;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::sequence::Pattern;
@@ -31,8 +31,8 @@ use traits::Matched;
 /// scene-linear values unless --display is given; psnr_db refers to white, or to the second picture's peak if that is
 /// brighter. Colors of other primaries (the attribute chromaticities) are converted to those of the second picture;
 /// another pixel aspect or display window is a difference. Of sequences,
-/// 'a.####.exr' or a folder of numbered files, frames of equal number are compared; flicker_psnr_db is of the changes from frame
-/// to frame.
+/// 'a.####.exr' or a folder of numbered files, frames of equal number are compared; flicker_psnr_db is of the changes
+/// from frame to frame.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Picture to compare
@@ -40,7 +40,7 @@ pub struct Arguments {
     /// Reference picture
     b: PathBuf,
     #[command(flatten)]
-    frames: FramesOption,
+    frames: FrameSelection,
     /// Layer of both files (default: the beauty)
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,

@@ -29,8 +29,8 @@ impl Gallery {
         Self { from: count.saturating_sub(MOST_FRAMES) / 2, moving: Vec::new(), worst: None }
     }
 
-    /// Adds the frame at `at` of the sequence with its number. `films` are those of the sequence beside, if there is one,
-    /// of the first and of the reference.
+    /// Adds the frame at `at` of the sequence with its number. `films` are those of the sequence beside, if there is
+    /// one, of the first and of the reference.
     pub fn add(&mut self, at: usize, number: u32, films: &[&Film], psnr_db: f64) {
         let moves = (self.from..self.from + MOST_FRAMES).contains(&at);
         let is_worst = self.worst.as_ref().is_none_or(|(worst, ..)| psnr_db < *worst);

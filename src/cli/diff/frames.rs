@@ -1,8 +1,8 @@
 //! Two sequences of VDBs, frame by frame.
 
 use super::{Diff, Report};
-use crate::cli::failed::{self, Failed, List};
-use crate::cli::frames::{Sequence, common, each, parted};
+use crate::app::failed::{Failed, List};
+use crate::app::sequence::{Sequence, common, each, parted};
 use crate::cli::output::Output;
 use crate::error::{Error, Result};
 use serde::Serialize;
@@ -49,10 +49,10 @@ impl Diff {
         let work = |number: u32, limits| {
             let paths = [a.path(number), b.path(number)];
             // The bar is that of the sequence.
-            Ok(output.keep(|silent| self.compared([&paths[0], &paths[1]], limits, silent))?.0)
+            self.compared([&paths[0], &paths[1]], limits, &output.silent())
         };
         let (done, failed) = parted(each(&both, "comparing", self.memory.limits(), output, work)?);
-        failed::tell(&failed);
+        output.failed(&failed);
         let grids = || done.iter().flat_map(|(_, report)| &report.grids).map(|grid| &grid.difference);
         let max_abs = grids().fold(0.0_f64, |most, d| most.max(d.max_abs));
         let psnr_db = grids().filter_map(|d| d.psnr_db).reduce(f64::min);

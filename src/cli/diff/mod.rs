@@ -3,16 +3,18 @@
 mod frames;
 mod turn;
 
-use super::frames::FramesOption;
-use super::memory::{Memory, human};
+use super::memory::Memory;
 use super::output::Output;
-use super::up::{self, ChosenUp};
+use crate::app::Context;
+use crate::app::sequence::FrameSelection;
+use crate::app::up::{self, ChosenUp};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{File, GridInfo, NativeGrid, RawGrid};
 use crate::math::Affine;
 use crate::metrics::volume::{Difference, Effort, Field, Multiple, compare_within};
 use crate::scene::grid::MetaValue;
+use crate::text::bytes as human;
 use crate::text::printable;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -25,11 +27,12 @@ use turn::Turned;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "PSNR is taken over the union of the two boxes of active voxels on A's lattice, with the \
     largest |A| as its peak; it is null in JSON for grids of equal values. Where the transforms differ, B \
-    is sampled trilinearly at A's voxel centers, of which --voxels are compared, evenly spread, if there are more. Differences are measured in 32-bit floats; values of wider types that agree \
-    in these alone are told. Grids are paired by name; the only grids of both files are compared whatever their names, \
-    but names that differ are a difference, unless the grid is chosen with --grid. Where scalars differ as they lie and agree \
-    after a turn by 90 degrees about x, Y-up against Z-up, the report says so. Up axes and \
-    creators that differ are told; files that state different up axes differ.")]
+    is sampled trilinearly at A's voxel centers, of which --voxels are compared, evenly spread, if there are more. \
+    Differences are measured in 32-bit floats; values of wider types that agree in these alone are told. Grids are \
+    paired by name; the only grids of both files are compared whatever their names, but names that differ are a \
+    difference, unless the grid is chosen with --grid. Where scalars differ as they lie and agree after a turn by 90 \
+    degrees about x, Y-up against Z-up, the report says so. Up axes and creators that differ are told; files that \
+    state different up axes differ.")]
 pub struct Diff {
     /// The reference
     a: PathBuf,
@@ -45,7 +48,7 @@ pub struct Diff {
     #[arg(long, value_name = "N|all", value_parser = voxels)]
     voxels: Option<Effort>,
     #[command(flatten)]
-    frames: FramesOption,
+    frames: FrameSelection,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
@@ -112,7 +115,8 @@ struct Compared {
     /// Turn of the second grid after which it agrees with the first; none if it agrees as it lies, or after no turn.
     #[serde(skip_serializing_if = "Option::is_none")]
     agrees_after_turn: Option<Turned>,
-    /// True if the values are equal as 32-bit floats, in which differences are measured, but not in the grids' wider type.
+    /// True if the values are equal as 32-bit floats, in which differences are measured, but not in the grids' wider
+    /// type.
     differs_beyond_f32: bool,
 }
 
@@ -138,9 +142,9 @@ impl Diff {
     ///
     /// # Errors
     /// If a file cannot be read, a grid is not there, or two grids cannot be compared.
-    fn compared(&self, paths: [&Path; 2], limits: Limits, output: &Output) -> Result<Report> {
-        let reading = output.stage("reading");
-        let [a, b] = [super::volume::open(paths[0], limits)?, super::volume::open(paths[1], limits)?];
+    fn compared(&self, paths: [&Path; 2], limits: Limits, context: &Context) -> Result<Report> {
+        let reading = context.stage("reading");
+        let [a, b] = [crate::app::volume::open(paths[0], limits)?, crate::app::volume::open(paths[1], limits)?];
         let pairs = self.pairs(&a, &b)?;
         let alone = |from: &File, pick: fn(&(String, String)) -> &String| {
             let names = from.entries().iter().map(|e| e.name.clone());
@@ -163,7 +167,7 @@ impl Diff {
                     }
                 }
             }
-            grids.push(self.grids([(&a, in_a), (&b, in_b)], limits, output)?);
+            grids.push(self.grids([(&a, in_a), (&b, in_b)], limits, context)?);
         }
         let mut differences: Vec<String> = grids.iter().flat_map(|grid| self.differences(grid)).collect();
         let listed = |names: &[String]| names.iter().map(|name| format!("'{name}'")).collect::<Vec<_>>().join(", ");
@@ -205,17 +209,16 @@ impl Diff {
         &self,
         [(a, in_a), (b, in_b)]: [(&File, &String); 2],
         limits: Limits,
-        output: &Output,
+        context: &Context,
     ) -> Result<Compared> {
         let mut budget = Budget { held: 0, limit: limits.max_memory };
         let [left, right] = {
-            let _stage = output.stage("reading");
+            let _stage = context.stage("reading");
             [load(a, in_a, &mut budget)?, load(b, in_b, &mut budget)?]
         };
-        let bar = output.progress(0, "comparing");
+        let bar = context.steps(0, "comparing");
         let show = |done: u64, of: u64| {
-            bar.set_length(of);
-            bar.set_position(done);
+            bar.set(done, of, "");
         };
         let effort = self.voxels.unwrap_or_default();
         let difference = compare_within(&left.field()?, &right.field()?, effort, &show)
@@ -402,8 +405,8 @@ impl fmt::Display for Report {
                 let (second, first) = (second_up.name(), second_up.other().name());
                 writeln!(
                     f,
-                    "  equal but for a turn of the second by {degrees} degrees about x (rms {rms:.4e} then): {first}-up against \
-                     {second}-up; cumulo convert --up {} turns it",
+                    "  equal but for a turn of the second by {degrees} degrees about x (rms {rms:.4e} then): \
+                     {first}-up against {second}-up; cumulo convert --up {} turns it",
                     first.to_ascii_lowercase()
                 )?;
             }
@@ -411,15 +414,17 @@ impl fmt::Display for Report {
                 let left = psnr_db.map_or_else(|| "nothing is left".to_owned(), |db| format!("psnr is {db:.2} dB"));
                 writeln!(
                     f,
-                    "  B is {factor:.4} times A, and {left} after a division by that: a density scale or a unit of length that \
-                     one of them holds and the other does not; cumulo convert --scale {:.4} takes it out of B",
+                    "  B is {factor:.4} times A, and {left} after a division by that: a density scale or a unit of \
+                     length that one of them holds and the other does not; cumulo convert --scale {:.4} takes it out \
+                     of B",
                     1.0 / factor
                 )?;
             }
             if d.sampled {
                 writeln!(
                     f,
-                    "  figures are of {} voxels, evenly spread: the transforms differ; --voxels all compares all of them",
+                    "  figures are of {} voxels, evenly spread: the transforms differ; --voxels all compares all of \
+                     them",
                     d.compared
                 )?;
             }

@@ -25,8 +25,8 @@ pub struct Turned {
 /// Share of the RMS as the volumes lie that a turn may leave for them to count as equal but for the turn.
 const LEFT_BY_TURN: f64 = 0.01;
 
-/// Finds the quarter turn about x after which `b` agrees with `a`, of grids of scalars that differ. Volumes whose boxes are
-/// not brought together by it, within a voxel, are not compared.
+/// Finds the quarter turn about x after which `b` agrees with `a`, of grids of scalars that differ. Volumes whose boxes
+/// are not brought together by it, within a voxel, are not compared.
 pub(super) fn turned(a: &Loaded, b: &Loaded, difference: &Difference, effort: Effort) -> Result<Option<Turned>> {
     if a.raw.components != 1 || difference.rms == 0.0 {
         return Ok(None);

@@ -7,23 +7,23 @@ mod voxels;
 
 use super::memory::Memory;
 use super::output::Output;
-use super::outputs::{self, Content};
 use super::parse;
-use super::provenance::Provenance;
-use super::transfer::TransferOption;
-use super::up::UpChoice;
+use crate::app::checks::Warning;
+use crate::app::outputs::{self, Content};
+use crate::app::provenance::Provenance;
+use crate::app::transfer::TransferSettings;
+use crate::app::up::UpChoice;
+use crate::differentiate::loss::Loss;
+use crate::differentiate::loss::prior::{Prior, Weighted};
+use crate::differentiate::study::ad_mode::{AdMode, Choice, Mode, Task};
+use crate::differentiate::study::difference::Quotient;
+use crate::differentiate::study::parameter::{CAMERA, Parameter};
+use crate::differentiate::study::subject::{Subject, depth_channel};
+use crate::differentiate::study::{Study, StudyGradient};
 use crate::error::{Error, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{Codec, write_grids};
-use crate::optimise::loss::Loss;
-use crate::optimise::loss::prior::{Prior, Weighted};
-use crate::optimise::plausibility::Warning;
-use crate::optimise::study::ad_mode::{AdMode, Choice, Mode, Task};
-use crate::optimise::study::difference::Quotient;
-use crate::optimise::study::parameter::{CAMERA, Parameter};
-use crate::optimise::study::subject::{Subject, depth_channel};
-use crate::optimise::study::{Study, StudyGradient};
 use crate::render::differentiable::Adjoint;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::report::Page;
@@ -73,8 +73,8 @@ pub struct GradientCommand {
     /// Axis that points upwards, about which --views are placed
     #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto, conflicts_with = "target")]
     up: UpChoice,
-    /// Model of the pictures (default: that of --target, emission-absorption with a transfer function or --emission, else
-    /// absorption)
+    /// Model of the pictures (default: that of --target, emission-absorption with a transfer function or --emission,
+    /// else absorption)
     #[arg(long, value_enum, conflicts_with = "tf")]
     model: Option<Model>,
     /// Size of the pictures of --views in pixels
@@ -94,7 +94,7 @@ pub struct GradientCommand {
     #[arg(long, value_enum, conflicts_with = "tf", requires = "emission")]
     emission_model: Option<EmissionModel>,
     #[command(flatten)]
-    transfer: TransferOption,
+    transfer: TransferSettings,
     #[arg(
         long,
         value_name = "Q",
@@ -214,7 +214,7 @@ impl GradientCommand {
     /// # Errors
     /// If the volume or the pictures cannot be used, or a parameter of `--wrt` does not exist.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut provenance = Provenance::begin();
+        let mut provenance = Provenance::begin(output);
         let limits = self.memory.limits();
         self.fits_together()?;
         if let Some(path) = &self.output {
@@ -283,7 +283,8 @@ impl GradientCommand {
         let inverts = self.adjoint == Some(AdjointName::Inversion);
         if self.quadrature.is_preintegrated() && self.check {
             return Err(Error::invalid(
-                "--check: values of pre-integration jump, by less than its tolerance, where segments begin to be divided",
+                "--check: values of pre-integration jump, by less than its tolerance, where segments begin to be \
+                 divided",
             )
             .hint("check the derivatives of --quadrature exact, which has difference quotients everywhere"));
         }
@@ -423,7 +424,8 @@ impl GradientCommand {
         let bytes = if channels.is_empty() { 0 } else { count * study.field.values.len() * size_of::<V>() };
         if plan.mode == AdMode::Forward && (count > MOST_DIRECTIONS || bytes as u64 > limits.max_memory) {
             return Err(Error::unsupported(format!(
-                "--mode forward walks every ray again for each few of {count} parameters; it takes {MOST_DIRECTIONS} at most"
+                "--mode forward walks every ray again for each few of {count} parameters; it takes {MOST_DIRECTIONS} \
+                 at most"
             ))
             .hint("use --mode reverse, which finds all at once"));
         }
@@ -440,7 +442,8 @@ impl GradientCommand {
         order.into_iter().map(|i| (voxel(i), gradient.by_voxel[i])).collect()
     }
 
-    /// Returns the numbers of the rows that are checked: all with `--all`, else at most [`SAMPLE`] of each group, evenly spaced.
+    /// Returns the numbers of the rows that are checked: all with `--all`, else at most [`SAMPLE`] of each group,
+    /// evenly spaced.
     fn sample(&self, rows: &[Row]) -> Vec<usize> {
         if self.all {
             return (0..rows.len()).collect();
@@ -476,14 +479,14 @@ impl GradientCommand {
             if chosen.len() < report.rows.len() { "; --all checks all that are listed" } else { "" }
         ));
         report.checked = Some(chosen.len());
-        let bar = output.progress(chosen.len() as u64, "check");
+        let bar = output.steps(chosen.len() as u64, "check");
         for number in chosen {
             let row = &mut report.rows[number];
             let quotient = study.difference(row.parameter).map_err(|e| e.part(row.name.clone()).at(&self.input))?;
             (row.difference, row.rounding) = (Some(quotient.value), Some(quotient.rounding));
             bar.inc(1);
         }
-        bar.finish_and_clear();
+        drop(bar);
         let mut largest: BTreeMap<&str, f64> = BTreeMap::new();
         for row in &report.rows {
             let most = largest.entry(row.group).or_default();

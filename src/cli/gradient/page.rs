@@ -2,11 +2,11 @@
 
 use super::GradientCommand;
 use super::report::Report;
+use crate::differentiate::loss::Rgba;
+use crate::differentiate::study::subject::Subject;
+use crate::differentiate::study::{Study, StudyGradient};
 use crate::error::Result;
 use crate::metrics;
-use crate::optimise::loss::Rgba;
-use crate::optimise::study::subject::Subject;
-use crate::optimise::study::{Study, StudyGradient};
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::film::Film;

@@ -1,10 +1,10 @@
 //! The report of `cumulo gradient`.
 
-use crate::cli::provenance::Provenance;
-use crate::cli::run::write_warnings;
-use crate::cli::up::ChosenUp;
-use crate::optimise::plausibility::Warning;
-use crate::optimise::study::parameter::Parameter;
+use crate::app::checks::Warning;
+use crate::app::provenance::Provenance;
+use crate::app::run::write_warnings;
+use crate::app::up::ChosenUp;
+use crate::differentiate::study::parameter::Parameter;
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
@@ -31,7 +31,7 @@ pub(in crate::cli) struct Row {
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Report {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pub input: PathBuf,
     pub loss: String,
     pub value: f64,
@@ -53,11 +53,11 @@ pub(in crate::cli) struct Report {
     /// Contradictions between the pictures and the model.
     pub warnings: Vec<Warning>,
     pub tolerance: Option<f64>,
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pub output: Option<PathBuf>,
     /// Path of the page, if `--report` requests one.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pub report: Option<PathBuf>,
     pub seconds: f64,
     pub provenance: Option<Provenance>,

@@ -1,18 +1,19 @@
 //! The scene and the loss that `cumulo gradient` differentiates, from the options and the target.
 
 use super::{GradientCommand, Wrt};
+use crate::app::checks::pictures::PictureFacts;
+use crate::app::checks::{self, Emission, Warning};
+use crate::app::up::ChosenUp;
+use crate::app::{photos, run, volume};
 use crate::cli::output::Output;
-use crate::cli::up::ChosenUp;
-use crate::cli::{photos, run, volume};
+use crate::differentiate::loss::Rgba;
+use crate::differentiate::study::Study;
+use crate::differentiate::study::setting::{Setting, Units};
+use crate::differentiate::study::subject::{Subject, depth_channel, largest};
 use crate::error::{Error, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
-use crate::optimise::loss::Rgba;
-use crate::optimise::plausibility::{self, Emission, PictureFacts, Warning};
-use crate::optimise::projection::photo::Photo;
-use crate::optimise::study::Study;
-use crate::optimise::study::setting::{Setting, Units};
-use crate::optimise::study::subject::{Subject, depth_channel, largest};
+use crate::inverse::observation::photo::Photo;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -72,8 +73,8 @@ impl GradientCommand {
         ];
         if let Some((_, what)) = unsuited.into_iter().find(|(given, _)| *given) {
             return Err(Error::invalid(what).at(&self.input).hint(
-                "of a pre-shaded volume there are --wrt density, emission, camera and background; --model says what else \
-                 the volume could be",
+                "of a pre-shaded volume there are --wrt density, emission, camera and background; --model says what \
+                 else the volume could be",
             ));
         }
         let mut scene = volume::read_pre_shaded(&self.input, self.grid.as_deref(), limits)?;
@@ -127,7 +128,7 @@ impl GradientCommand {
         let Setup { target, model, transfer, cameras, .. } = setup;
         let targets = match &target {
             Some(capture) if self.loss().compares() => {
-                let bar = output.progress(capture.frames.len() as u64, "reading pictures");
+                let bar = output.steps(capture.frames.len() as u64, "reading pictures");
                 // What the options say otherwise is what is differentiated at.
                 let background = self.background.unwrap_or(capture.background);
                 let shown =
@@ -137,9 +138,9 @@ impl GradientCommand {
                     (PictureFacts::new(&photo, &shown, Emission::Stated), target)
                 };
                 let read = photos::each(capture, None, limits, photos::WHOLE, &|| bar.inc(1), take)?;
-                bar.finish_and_clear();
+                drop(bar);
                 let (facts, targets): (Vec<PictureFacts>, Vec<Vec<Rgba>>) = read.into_iter().unzip();
-                warnings = plausibility::warnings(plausibility::pictures(&facts, &shown, Emission::Stated));
+                warnings = checks::warnings(checks::pictures::pictures(&facts, &shown, Emission::Stated));
                 output.warn(&warnings);
                 targets
             }

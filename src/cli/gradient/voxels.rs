@@ -1,8 +1,8 @@
 //! Derivatives by voxel as a grid.
 
 use super::GradientCommand;
-use crate::optimise::study::subject::Subject;
-use crate::optimise::study::{Study, StudyGradient};
+use crate::differentiate::study::subject::Subject;
+use crate::differentiate::study::{Study, StudyGradient};
 use crate::scene::bricks::Topology;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use std::collections::BTreeMap;

@@ -1,7 +1,7 @@
 //! Help of all commands: options under headings, and examples at the end.
 //!
-//! Both are kept in one place, since most options are shared by several commands: what an option is about does not depend
-//! on the command that has it.
+//! Both are kept in one place, since most options are shared by several commands: what an option is about does not
+//! depend on the command that has it.
 
 mod examples;
 mod headings;

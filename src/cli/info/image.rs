@@ -6,6 +6,7 @@ use crate::formats::imaging::image::{Header, Values};
 use crate::formats::imaging::options::Options;
 use crate::formats::limits::Limits;
 use crate::text::printable;
+use crate::wording::all_worded;
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
@@ -48,7 +49,7 @@ pub fn summary(path: &Path, kind: Format, limits: Limits) -> Result<Summary> {
         values: header.values,
         voxel_size: header.index_to_world.voxel_size().to_array(),
         origin: header.index_to_world.to_world(glam::DVec3::ZERO).to_array(),
-        notes: header.notes,
+        notes: all_worded(header.notes),
     };
     Ok(Summary { kind: kind.name(), images: images.into_iter().map(|image| entry(image.header)).collect() })
 }

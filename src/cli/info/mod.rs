@@ -7,9 +7,9 @@ mod volume;
 
 pub(super) use volume::statistics_of;
 
-use super::frames::FramesOption;
 use super::memory::Memory;
 use super::output::Output;
+use crate::app::sequence::FrameSelection;
 use crate::error::{Error, Kind, Result};
 use crate::formats::captures::CaptureSummary;
 use crate::formats::exr::ExrSummary;
@@ -20,6 +20,7 @@ use crate::formats::{self, Format};
 use crate::text::printable;
 use sequence::Summary;
 use serde::Serialize;
+use std::borrow::Cow;
 use std::fmt;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -28,15 +29,16 @@ use volume::Volume;
 
 /// Show what is in files: grids of VDBs and NanoVDBs, layers of EXRs, cameras of captures, volumes of USD stages, scans
 ///
-/// Of a sequence, 'smoke.####.vdb' or a folder of numbered files, each frame is shown in a line; --json has all of each.
+/// Of a sequence, 'smoke.####.vdb' or a folder of numbered files, each frame is shown in a line; --json has all of
+/// each.
 #[derive(Debug, clap::Args)]
 pub struct Info {
-    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of either),
-    /// scans and fields in the formats that `cumulo convert` reads, and sequences of files
+    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of
+    /// either), scans and fields in the formats that `cumulo convert` reads, and sequences of files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
-    frames: FramesOption,
+    frames: FrameSelection,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
@@ -51,7 +53,7 @@ pub(in crate::cli) struct Report {
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Described {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     path: PathBuf,
     /// Number of the frame, of a file of a sequence.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -77,8 +79,8 @@ impl Failure {
     /// Creates the report's entry for an error, and prints the error on standard error.
     pub(in crate::cli) fn new(error: &Error) -> Self {
         let _ = writeln!(std::io::stderr().lock(), "cumulo: {error}");
-        let (part, remedy) = (error.place().map(str::to_owned), error.remedy().map(str::to_owned));
-        Self { part, what: error.what().to_owned(), remedy }
+        let (part, remedy) = (error.place().map(str::to_owned), error.remedy().map(Cow::into_owned));
+        Self { part, what: error.what().into_owned(), remedy }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Sequences of files: what each frame holds, in a line.
 
 use super::{Content, Described, Failure, Info, content};
-use crate::cli::frames::{Present, Sequence, each};
+use crate::app::sequence::{Present, Sequence, each};
 use crate::cli::output::Output;
 use crate::error::Result;
 use crate::text::{printable, ranges};
@@ -13,7 +13,7 @@ use std::path::PathBuf;
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(super) struct Summary {
     /// Path with the number's digits written as `#`.
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pattern: PathBuf,
     /// Number of frames that were read.
     frames: usize,

@@ -1,13 +1,13 @@
 //! Content and statistics of an OpenVDB file.
 
-use crate::cli::memory::human;
-use crate::cli::up::{self, ChosenUp};
+use crate::app::up::{self, ChosenUp};
 use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::transfer::{METADATA_KEY, TransferSummary, from_metadata};
 use crate::formats::vdb::{File, GridInfo, NativeGrid, Transform};
 use crate::scene::grid::MetaValue;
 use crate::scene::statistics::{self, Statistics};
+use crate::text::bytes as human;
 use crate::text::{printable, printable_lines};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -134,7 +134,7 @@ pub(in crate::cli) fn statistics_of(native: &NativeGrid) -> Result<Statistics> {
 fn carried(metadata: &BTreeMap<String, MetaValue>) -> Option<Carried> {
     match from_metadata(metadata).and_then(|t| t.map(|t| TransferSummary::of(&t)).transpose()) {
         Ok(usable) => usable.map(Carried::Usable),
-        Err(error) => Some(Carried::Unusable { problem: error.what().to_owned() }),
+        Err(error) => Some(Carried::Unusable { problem: error.what().into_owned() }),
     }
 }
 

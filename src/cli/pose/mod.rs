@@ -4,21 +4,23 @@ mod page;
 
 use super::memory::Memory;
 use super::output::Output;
-use super::outputs::Content;
-use super::photos;
-use super::task::{Captured, Task, exit_code};
-use super::transfer::TransferOption;
-use super::{run, volume};
+use crate::app::checks::{Emission, Warning};
+use crate::app::outputs::Content;
+use crate::app::photos;
+use crate::app::task::{Captured, Task};
+use crate::app::transfer::TransferSettings;
+use crate::app::{run, volume};
+use crate::cli::cancel;
+use crate::cli::report;
+use crate::differentiate::gradient::pictures::Target;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{captures, protected, transforms};
+use crate::inverse::observation::photo::Photo;
+use crate::inverse::pose::colors::Colors;
+use crate::inverse::pose::pyramid::levels;
+use crate::inverse::pose::search::{PoseEstimate, Request, UNEXPLAINED, solve};
 use crate::math::Aabb;
-use crate::optimise::gradient::pictures::Target;
-use crate::optimise::plausibility::{Emission, Warning};
-use crate::optimise::pose::colors::Colors;
-use crate::optimise::pose::pyramid::levels;
-use crate::optimise::pose::search::{PoseEstimate, Request, UNEXPLAINED, solve};
-use crate::optimise::projection::photo::Photo;
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::bricks::Bricks;
@@ -52,7 +54,7 @@ pub struct Pose {
     #[arg(long, short, value_name = "OUT.json")]
     output: PathBuf,
     #[command(flatten)]
-    transfer: TransferOption,
+    transfer: TransferSettings,
     /// Find the focal length, too: one factor for all cameras
     #[arg(long)]
     solve_focal: bool,
@@ -65,7 +67,8 @@ pub struct Pose {
         help = concat!(
             "Integration along rays: ",
             rules!(),
-            "; by default exact; through functions of more than 32 points preintegrated for the search, and at its end exact ",
+            "; by default exact; through functions of more than 32 points preintegrated for the search, and at its end \
+             exact ",
             "for the pictures compared with",
         )
     )]
@@ -107,7 +110,7 @@ struct CameraReport {
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Report {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     output: PathBuf,
     cameras: Vec<CameraReport>,
     /// RMS difference of the colors over all cameras before the search.
@@ -121,7 +124,7 @@ pub(in crate::cli) struct Report {
     stopped: bool,
     /// Contradictions between the pictures and the model.
     warnings: Vec<Warning>,
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     report: Option<PathBuf>,
 }
 
@@ -165,7 +168,7 @@ impl Pose {
     /// # Errors
     /// If capture, pictures or volume cannot be read or used, or the outputs cannot be written.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), &self.memory)?;
+        let mut task = report::begin(&self.output, Content::Capture, self.report.as_deref(), (self.memory, output))?;
         let limits = task.limits;
         let json = captures::file(&self.capture);
         let capture = captures::load_within(&json, limits)?;
@@ -176,7 +179,7 @@ impl Pose {
         };
         let captured =
             Captured { json: &json, capture: &shown, emission: Emission::Stated, layer: self.layer.as_deref() };
-        let (photos, mut warnings) = task.pictures(captured, output, photos::WHOLE, |photo| photo)?;
+        let (photos, mut warnings) = task.pictures(captured, photos::WHOLE, |photo| photo)?;
         task.provenance.input(&self.volume, [self.volume.as_path()])?;
         if let Some(tf) = self.transfer.file() {
             task.provenance.input(tf, [tf])?;
@@ -212,7 +215,7 @@ impl Pose {
             }
         }
         output.report(&report)?;
-        Ok(exit_code(stopped, output))
+        Ok(cancel::exit_code(stopped, output))
     }
 
     /// Combines the pictures with the cameras that the search begins with.
@@ -230,7 +233,7 @@ impl Pose {
         shown: &Capture,
         targets: &[Target],
         centre: DVec3,
-        task: &Task<'_>,
+        task: &Task,
         output: &Output,
     ) -> Result<Search> {
         let (colors, reference) = match renderer {
@@ -238,22 +241,22 @@ impl Pose {
             AnyRenderer::Density(dvr) => {
                 let has_reference = self.quadrature.is_none() && shown.transfer.is_some();
                 let exact = || dvr.clone().with(|dvr| dvr.quadrature(Quadrature::Exact));
-                (Colors::of(&shown.medium()?, shown.background), has_reference.then(exact))
+                (Colors::from_medium(&shown.medium()?, shown.background), has_reference.then(exact))
             }
             AnyRenderer::PreShaded(_) => (Colors::apart(), None),
         };
         let request = Request { colors: &colors, centre, iterations: self.iterations, solve_focal: self.solve_focal };
         let searches = |t: &Target| (levels(&t.camera) + 1 + usize::from(reference.is_some())) as u64;
         task.work_begins();
-        let bar = output.progress(targets.iter().map(searches).sum(), "pose");
+        let bar = output.steps(targets.iter().map(searches).sum(), "pose");
         let begun = Instant::now();
         let tick = || bar.inc(1);
         let poses = match renderer {
-            AnyRenderer::Density(dvr) => solve(dvr, reference.as_ref(), targets, &request, task.cancel, &tick),
-            AnyRenderer::PreShaded(volume) => solve(volume, None, targets, &request, task.cancel, &tick),
+            AnyRenderer::Density(dvr) => solve(dvr, reference.as_ref(), targets, &request, task.stop().polled(), &tick),
+            AnyRenderer::PreShaded(volume) => solve(volume, None, targets, &request, task.stop().polled(), &tick),
         };
         let seconds = begun.elapsed().as_secs_f64();
-        bar.finish_and_clear();
+        drop(bar);
         Ok(Search { poses, seconds })
     }
 
@@ -391,8 +394,8 @@ fn unexplained(poses: &[PoseEstimate]) -> Option<Warning> {
     })
 }
 
-/// Returns the angle in degrees between two cameras' axes, and the distance between them in percent of the distance of the first one
-/// to `centre`.
+/// Returns the angle in degrees between two cameras' axes, and the distance between them in percent of the distance of
+/// the first one to `centre`.
 fn apart(a: &Camera, b: &Camera, centre: DVec3) -> (f64, f64) {
     let degrees = a.rotation_to(b).length().to_degrees();
     let distance = a.position().distance(centre).max(f64::MIN_POSITIVE);

@@ -1,11 +1,11 @@
 //! The page of a search for cameras.
 
 use super::Report;
+use crate::app::provenance::Provenance;
 use crate::cancel::Cancel;
-use crate::cli::provenance::Provenance;
+use crate::differentiate::gradient::pictures::Target;
 use crate::error::Result;
 use crate::metrics;
-use crate::optimise::gradient::pictures::Target;
 use crate::render::any_renderer::AnyRenderer;
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::capture::Capture;

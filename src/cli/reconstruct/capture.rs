@@ -1,6 +1,6 @@
 //! The capture that a reconstruction starts from.
 
-use crate::cli::provenance::Provenance;
+use crate::app::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{captures, transforms};

@@ -4,20 +4,21 @@ use super::capture::LoadedCapture;
 use super::confidence::{self, Fit};
 use super::region::{Placed, Region};
 use super::volume::{Pictures, Solved, VolumeTask};
+use crate::app::checks::Emission;
+use crate::app::outputs::Content;
+use crate::app::photos;
+use crate::app::run::{self, Solver};
+use crate::cli::cancel;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::outputs::Content;
-use crate::cli::photos;
-use crate::cli::run::{self, Solver};
-use crate::cli::task::{Task, ended};
+use crate::cli::report;
 use crate::error::{Error, Result};
 use crate::formats::protected;
 use crate::formats::vdb::{File, shaded};
-use crate::optimise::color::{self, Shaded};
-use crate::optimise::density::Request;
-use crate::optimise::plausibility::Emission;
-use crate::optimise::plausibility::cost::{Cost, Method};
-use crate::optimise::projection::transmittances::Channels;
+use crate::inverse::color::{self, Shaded};
+use crate::inverse::cost::{Cost, Method};
+use crate::inverse::density::Request;
+use crate::inverse::observation::transmittances::Channels;
 use crate::scene::capture::Model;
 use crate::scene::grid::Grid;
 use crate::scene::medium::Medium;
@@ -27,8 +28,8 @@ use std::process::ExitCode;
 /// Reconstruct a pre-shaded volume from emission-absorption pictures: extinction and emitted color by voxel
 ///
 /// Alpha tells the extinctions (grid 'density', per world length), the colors then tell what is emitted (grid
-/// 'emission', vec3s, radiance per world length); grids of confidences, 0 to 1, say how much the pictures tell of either
-/// in each voxel. `cumulo render --model pre-shaded` renders the result. Ctrl-C
+/// 'emission', vec3s, radiance per world length); grids of confidences, 0 to 1, say how much the pictures tell of
+/// either in each voxel. `cumulo render --model pre-shaded` renders the result. Ctrl-C
 /// writes what is there (exit code 130); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Color {
@@ -72,7 +73,7 @@ impl Color {
     /// # Errors
     /// If the pictures cannot be read or used, or the outputs cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), &self.memory)?;
+        let task = report::begin(&self.output, Content::Vdb, self.report.as_deref(), (self.memory, output))?;
         let limits = task.limits;
         let input = LoadedCapture::load(&self.capture, limits)?;
         if input.capture.model == Model::Absorption {
@@ -84,10 +85,12 @@ impl Color {
         let views = input.capture.frames.len();
         let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
 
-        let mut work = VolumeTask::new(task, input, &self.output, self.layer.as_deref(), output);
+        let mut work =
+            VolumeTask::new(task, input, (&self.output, self.report.as_deref()), self.layer.as_deref(), output);
         if work.input.capture.model == Model::Scattering {
             output.note(
-                "the pictures show scattered light: the volume emits what these lights made of it, the same in all directions",
+                "the pictures show scattered light: the volume emits what these lights made of it, the same in all \
+                 directions",
             );
         }
         let pixels = work.input.capture.pixels();
@@ -110,7 +113,7 @@ impl Color {
         let outcome =
             work.solve("color", steps, |watch| color::reconstruct(&photos, &observation, &request, init, watch));
         let Shaded { volume, history, stages, train_psnr_db, held_out_psnr_db, voxels, stopped } =
-            match ended(outcome.map_err(|e| e.at(&work.input.json)))? {
+            match cancel::ended(outcome.map_err(|e| e.at(&work.input.json)))? {
                 Ok(outcome) => outcome,
                 Err(code) => return Ok(code),
             };

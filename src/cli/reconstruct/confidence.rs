@@ -1,18 +1,17 @@
 //! Confidence grids: how much the pictures constrain each voxel, beside the prior.
 
+use crate::app::checks::Warning;
+use crate::app::checks::displacement::{self, displacements};
+use crate::app::checks::excerpt::Excerpt;
+use crate::app::checks::residuals::Residuals;
+use crate::differentiate::study::subject::Subject;
 use crate::error::Result;
 use crate::formats::vdb::{CONFIDENCE, shaded};
-use crate::optimise::density::Request;
-use crate::optimise::density::alternatives::Alternatives;
-use crate::optimise::density::confidence::{Group, MeasuredView, confidence, lower_unresolved};
-use crate::optimise::density::descent::ForwardModel;
-use crate::optimise::plausibility::Warning;
-use crate::optimise::plausibility::displacement::{self, displacements};
-use crate::optimise::plausibility::excerpt::Excerpt;
-use crate::optimise::plausibility::residuals::Residuals;
-use crate::optimise::pose::colors::Colors;
-use crate::optimise::region::neighbours::Neighbours;
-use crate::optimise::study::subject::Subject;
+use crate::inverse::density::Request;
+use crate::inverse::density::confidence::{Group, MeasuredView, confidence, lower_unresolved};
+use crate::inverse::density::descent::ForwardModel;
+use crate::inverse::pose::colors::Colors;
+use crate::inverse::through_transfer::alternatives::Alternatives;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
 use crate::render::dvr::Dvr;
@@ -21,6 +20,7 @@ use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::{Bricks, Voxel};
 use crate::scene::grid::{Grid, GridClass};
 use crate::scene::medium::Source;
+use crate::scene::neighbours::Neighbours;
 use glam::Vec4;
 
 /// Standard deviation of a pixel's error, at least, relative to the peak of 1: half a step of eight bits.
@@ -90,7 +90,7 @@ fn shown_alike(share: f64) -> Option<Warning> {
 pub fn of_cameras(field: &Bricks<f32>, fit: Fit<'_>) -> Result<Option<Warning>> {
     let Request { medium, background, bounds, rays_per_edge, cancel, .. } = fit.request;
     let renderer = Dvr::new(field, medium.clone())?.over(*background);
-    let (colors, points) = (Colors::of(medium, *background), bounds.inner_corners());
+    let (colors, points) = (Colors::from_medium(medium, *background), bounds.inner_corners());
     let displacements = displacements(&renderer, fit.excerpts, &colors, &points, *rays_per_edge, *cancel);
     Ok(if cancel.requested() { None } else { displacement::warning(&displacements, fit.excerpts) })
 }

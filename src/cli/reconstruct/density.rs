@@ -5,26 +5,29 @@ use super::confidence::{self, Fit};
 use super::refinement::RefineCameras;
 use super::region::{Placed, Region};
 use super::volume::{Measurements, Pictures, Solved, VolumeTask};
+use crate::app::checks::Emission;
+use crate::app::outputs::Content;
+use crate::app::photos;
+use crate::app::run::{self, Solver};
+use crate::app::transfer::TransferSettings;
+use crate::cli::cancel;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::outputs::Content;
-use crate::cli::photos;
-use crate::cli::run::{self, Solver};
-use crate::cli::task::{Task, ended};
-use crate::cli::transfer::TransferOption;
+use crate::cli::report;
+use crate::differentiate::loss::prior::{VolumePrior, Weighted};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::protected;
 use crate::formats::transfer;
 use crate::formats::vdb::{Codec, File, write_grids};
-use crate::optimise::density::{self, through_transfer, weiss2021};
-use crate::optimise::density::{Outcome, Request, Step};
-use crate::optimise::loss::prior::{VolumePrior, Weighted};
-use crate::optimise::plausibility::Emission;
-use crate::optimise::plausibility::cost::{Cost, Method};
-use crate::optimise::projection::observation::Observation;
-use crate::optimise::projection::photo::Photo;
-use crate::optimise::projection::transmittances::Channels;
+use crate::inverse::cost::{Cost, Method};
+use crate::inverse::density::{Outcome, Request};
+use crate::inverse::density::{multilevel, weiss2021};
+use crate::inverse::observation::Observation;
+use crate::inverse::observation::photo::Photo;
+use crate::inverse::observation::transmittances::Channels;
+use crate::inverse::progress::Step;
+use crate::inverse::through_transfer;
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
 use crate::scene::grid::Grid;
@@ -51,7 +54,7 @@ pub struct Density {
     #[command(flatten)]
     refinement: RefineCameras,
     #[command(flatten)]
-    transfer: TransferOption,
+    transfer: TransferSettings,
     /// Start from this volume
     #[arg(long, value_name = "IN.vdb")]
     init: Option<PathBuf>,
@@ -70,8 +73,8 @@ pub struct Density {
     /// pictures have noise, differences of neighbours are penalised instead, as suits these views)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     smoothing: Option<u32>,
-    /// Prior on neighbouring voxels of a descent (through a transfer function, or weiss2021): smooth=W, or tv=W for total
-    /// variation, W the weight in units of the range of densities (default: smooth=0.001, weiss2021 smooth=0.5)
+    /// Prior on neighbouring voxels of a descent (through a transfer function, or weiss2021): smooth=W, or tv=W for
+    /// total variation, W the weight in units of the range of densities (default: smooth=0.001, weiss2021 smooth=0.5)
     #[arg(long, value_name = "NAME=W")]
     prior: Option<Weighted<VolumePrior>>,
     /// Loss that cg minimises: huber bounds the influence of outliers, l2 is plain least squares
@@ -126,7 +129,7 @@ impl DensitySolver {
     fn most_iterations(self, observation: &Observation, request: &Request, views: usize) -> u64 {
         let training = views - request.held_out.len();
         match self {
-            Self::Cg => density::most_iterations(observation, request),
+            Self::Cg => multilevel::most_iterations(observation, request),
             Self::Weiss2021 => weiss2021::most_iterations(request, training),
             Self::ThroughTransfer => through_transfer::most_iterations(observation, request, training),
         }
@@ -140,7 +143,7 @@ impl DensitySolver {
     ) -> Result<Outcome> {
         let Pictures { photos, observation, .. } = &measurements.pictures;
         match self {
-            Self::Cg => density::reconstruct(observation, request, watch),
+            Self::Cg => multilevel::reconstruct(observation, request, watch),
             Self::Weiss2021 => weiss2021::reconstruct(photos, observation, request, watch),
             Self::ThroughTransfer => through_transfer::reconstruct(photos, observation, request, watch),
         }
@@ -185,14 +188,15 @@ impl Density {
     /// # Errors
     /// If the pictures cannot be read or used, or the outputs cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), &self.memory)?;
+        let task = report::begin(&self.output, Content::Vdb, self.report.as_deref(), (self.memory, output))?;
         let input = self.input(task.limits)?;
         let solver = self.solver(&input.capture)?;
         let cameras = self.refinement.output(&self.output, self.report.as_deref(), &input.capture)?;
         let views = input.capture.frames.len();
         let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
 
-        let mut work = VolumeTask::new(task, input, &self.output, self.layer.as_deref(), output);
+        let mut work =
+            VolumeTask::new(task, input, (&self.output, self.report.as_deref()), self.layer.as_deref(), output);
         if work.input.capture.model == Model::Scattering {
             output.note(
                 "the pictures show scattered light: the densities are those that alpha tells, whatever the colors are",
@@ -227,7 +231,7 @@ impl Density {
                 self.request(work, observation, placed, solver, Vec::new())
             };
             let refined = self.refinement.refine(&mut work, path, &self.region, &mut pictures, request);
-            if let Err(code) = ended(refined)? {
+            if let Err(code) = cancel::ended(refined)? {
                 return Ok(code);
             }
         }
@@ -240,7 +244,7 @@ impl Density {
 
         let outcome = work.solve("density", steps, |watch| solver.reconstruct(&measurements, &request, watch));
         let Outcome { field, history, stages, train_psnr_db, held_out_psnr_db, unknowns, stopped } =
-            match ended(outcome.map_err(|e| self.located(e, &work.input.json)))? {
+            match cancel::ended(outcome.map_err(|e| self.located(e, &work.input.json)))? {
                 Ok(outcome) => outcome,
                 Err(code) => return Ok(code),
             };
@@ -350,8 +354,8 @@ fn volume(path: &Path, limits: Limits) -> Result<Bricks<f32>> {
     Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(path))
 }
 
-/// Returns the capture whose pictures the densities explain: of a medium that scatters light, alpha takes the place of the
-/// colors.
+/// Returns the capture whose pictures the densities explain: of a medium that scatters light, alpha takes the place of
+/// the colors.
 fn explained(capture: &Capture) -> Cow<'_, Capture> {
     if capture.model == Model::Scattering { Cow::Owned(capture.by_alpha()) } else { Cow::Borrowed(capture) }
 }

@@ -1,28 +1,28 @@
 //! What a reconstruction costs, told by a few of its pictures before all are read.
 
 use super::region::{Placed, Region};
-use crate::cli::memory::human;
+use crate::app::checks::Warning;
+use crate::app::photos;
 use crate::cli::output::Output;
-use crate::cli::photos;
+use crate::differentiate::gradient::pictures::Target;
 use crate::error::Result;
 use crate::formats::limits::Limits;
-use crate::optimise::gradient::pictures::Target;
-use crate::optimise::plausibility::Warning;
-use crate::optimise::plausibility::cost::Cost;
-use crate::optimise::pose::pyramid::halved;
-use crate::optimise::projection::observation::Observation;
-use crate::optimise::projection::photo::Photo;
-use crate::optimise::projection::transmittances::{Channels, Transmittances};
+use crate::inverse::cost::Cost;
+use crate::inverse::observation::Observation;
+use crate::inverse::observation::photo::Photo;
+use crate::inverse::observation::transmittances::{Channels, Transmittances};
+use crate::inverse::pose::pyramid::halved;
 use crate::ordered;
 use crate::scene::capture::{Capture, Pictures};
 use crate::scene::film::Film;
+use crate::text::bytes as human;
 use rayon::prelude::*;
 use std::time::Instant;
 
 /// Pixels of a capture from which on reading its pictures takes seconds.
 const MANY: u64 = 1 << 24;
-/// Number of pictures that are looked at (four may bound a region far too large), and how often they are halved: the region
-/// need not be exact.
+/// Number of pictures that are looked at (four may bound a region far too large), and how often they are halved: the
+/// region need not be exact.
 const FEW: usize = 8;
 const HALVINGS: usize = 2;
 

@@ -2,16 +2,16 @@
 
 use super::region::{Placed, Region};
 use super::volume::{Pictures, VolumeTask};
-use crate::cli::outputs::{self, Content};
+use crate::app::checks::Warning;
+use crate::app::outputs::{self, Content};
+use crate::app::run::{CameraMotion, RefinedCameras};
 use crate::cli::report::RECORD;
-use crate::cli::run::{CameraMotion, RefinedCameras};
 use crate::error::{Error, Result};
 use crate::formats::transforms;
-use crate::optimise::density::Request;
-use crate::optimise::plausibility::Warning;
-use crate::optimise::plausibility::cost::{Cost, Method};
-use crate::optimise::projection::observation::Observation;
-use crate::optimise::refinement;
+use crate::inverse::cost::{Cost, Method};
+use crate::inverse::density::Request;
+use crate::inverse::observation::Observation;
+use crate::inverse::refinement;
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
 use std::path::{Path, PathBuf};
@@ -54,8 +54,8 @@ impl RefineCameras {
     /// `volume` is the path of the volume.
     ///
     /// # Errors
-    /// If the name or the folder does not suit a capture, the file is the report's record, or the pictures' paths cannot
-    /// be stated in it.
+    /// If the name or the folder does not suit a capture, the file is the report's record, or the pictures' paths
+    /// cannot be stated in it.
     pub fn output(&self, volume: &Path, report: Option<&Path>, capture: &Capture) -> Result<Option<PathBuf>> {
         if self.refine_cameras.is_none() {
             return Ok(None);
@@ -91,13 +91,13 @@ impl RefineCameras {
         cost.memory_mb += COPIES * pixels as f64 / f64::from(1 << 20);
         cost.fits(request.max_memory).map_err(|e| e.at(&json))?;
 
-        let bar = output.progress(refinement::most_rounds(&request), "cameras");
+        let bar = output.steps(refinement::most_rounds(&request), "cameras");
         let refined = refinement::refine(observation, &request, focal, |round| {
             bar.inc(1);
-            bar.set_message(format!("level {}, moved by {:.3} pixels", round.level, round.pixels));
+            bar.message(format!("level {}, moved by {:.3} pixels", round.level, round.pixels));
             work.task.flow()
         });
-        bar.finish_and_clear();
+        drop(bar);
         let cameras = refined.map_err(|e| e.at(&json))?;
 
         let given: Vec<Camera> = excerpts.iter().map(|excerpt| excerpt.camera).collect();

@@ -1,14 +1,14 @@
 //! Lattice and bounds of the unknown voxels of a reconstruction.
 
+use crate::app::checks::{self, Warning};
 use crate::cli::output::Output;
 use crate::cli::parse;
 use crate::error::{Error, Result};
 use crate::formats::vdb;
+use crate::inverse::observation::Observation;
+use crate::inverse::region::hull::{Hull, Survey};
+use crate::inverse::region::lattice;
 use crate::math::{Aabb, Affine};
-use crate::optimise::plausibility::{self, Warning};
-use crate::optimise::projection::observation::Observation;
-use crate::optimise::region::hull::{Hull, Survey};
-use crate::optimise::region::lattice;
 use crate::scene::capture::Capture;
 use std::path::Path;
 
@@ -19,7 +19,12 @@ pub(super) struct Region {
     #[arg(long, value_name = "S", value_parser = parse::positive)]
     voxel_size: Option<f64>,
     /// Voxels along the longest edge of the region instead
-    #[arg(long, value_name = "N", conflicts_with = "voxel_size", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    #[arg(
+        long,
+        value_name = "N",
+        conflicts_with = "voxel_size",
+        value_parser = clap::value_parser!(u32).range(1..=65_536),
+    )]
     resolution: Option<u32>,
     /// Region in world space, x0,y0,z0,x1,y1,z1; auto: where no picture shows that there is nothing
     #[arg(long, value_name = "auto|BOX", default_value = "auto", allow_hyphen_values = true, value_parser = bounds)]
@@ -61,8 +66,8 @@ impl Unknowns {
     pub fn writable(&self, output: &Path) -> Result<()> {
         vdb::writable(&self.placed.lattice).map_err(|e| {
             e.at(output).instead(
-                "scale the scene up: multiply the positions in each 'transform_matrix', the lattice and --voxel-size by a \
-                 common factor, and divide density_scale by it",
+                "scale the scene up: multiply the positions in each 'transform_matrix', the lattice and --voxel-size \
+                 by a common factor, and divide density_scale by it",
             )
         })
     }
@@ -89,8 +94,8 @@ impl Region {
         let _stage = output.stage("visual hull");
         let mut warnings = match self.bounds {
             // With --bounds, views may well show only parts of the volume.
-            Bounds::Given(_) => plausibility::warnings(plausibility::cameras(observation)),
-            Bounds::Auto => plausibility::refuse(plausibility::cameras(observation))?,
+            Bounds::Given(_) => checks::warnings(checks::cameras::cameras(observation)),
+            Bounds::Auto => checks::refuse(checks::cameras::cameras(observation))?,
         };
         let placed = self.place(capture, observation)?;
         let Placed { lattice, bounds, survey, note } = &placed;
@@ -106,7 +111,7 @@ impl Region {
             .hint("correct 'lattice' in transforms.json, or give --voxel-size or --resolution"));
         }
         warnings.extend(self.check_unknowns(survey, capture.pixels(), bounds)?);
-        warnings.extend(plausibility::left_out(observation, bounds));
+        warnings.extend(checks::left_out::left_out(observation, bounds));
         Ok(Unknowns { placed, warnings })
     }
 
@@ -137,8 +142,8 @@ impl Region {
         };
         let larger = size * ratio.cbrt();
         let note = format!(
-            "voxels of {larger:.4} in place of a pixel's {size:.4}: photographs determine no more unknowns than they have \
-             pixels"
+            "voxels of {larger:.4} in place of a pixel's {size:.4}: photographs determine no more unknowns than they \
+             have pixels"
         );
         let lattice = lattice::choose(None, Some(larger))?;
         Ok(Placed { lattice, bounds, survey: hull.survey(&lattice, &bounds)?, note: Some(note) })

@@ -1,6 +1,6 @@
 //! The wall time of a reconstruction, stage by stage.
 
-use crate::optimise::density::Stage;
+use crate::inverse::progress::Stage;
 use std::time::Instant;
 
 /// A clock that measures stages one after the other: each begins where the one before it ended.

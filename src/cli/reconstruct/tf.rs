@@ -2,25 +2,27 @@
 
 use super::capture::LoadedCapture;
 use super::stages::StageClock;
+use crate::app::checks::excerpt::Excerpt;
+use crate::app::checks::residuals::{self, Residuals};
+use crate::app::checks::{Emission, Warning};
+use crate::app::outputs::Content;
+use crate::app::task::{Captured, Task};
+use crate::app::{photos, run};
 use crate::cancel::Cancel;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::outputs::Content;
 use crate::cli::report::transfer::{self as transfer_page, TransferRun, View};
-use crate::cli::task::{Captured, Task, ended, exit_code};
-use crate::cli::{parse, photos, report, run};
+use crate::cli::{cancel, parse, report};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::protected;
 use crate::formats::transfer::{self, Options};
+use crate::inverse::cost::Cost;
+use crate::inverse::observation::photo::Photo;
+use crate::inverse::progress::Stage;
+use crate::inverse::transfer::reconstruct::reconstruct;
+use crate::inverse::transfer::{Outcome, Request, Solver};
 use crate::metrics::error::unit_psnr_db;
-use crate::optimise::density::Stage;
-use crate::optimise::plausibility::cost::Cost;
-use crate::optimise::plausibility::excerpt::Excerpt;
-use crate::optimise::plausibility::residuals::{self, Residuals};
-use crate::optimise::plausibility::{Emission, Warning};
-use crate::optimise::projection::photo::Photo;
-use crate::optimise::transfer::{Outcome, Request, Solver, reconstruct};
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::bricks::Bricks;
@@ -62,9 +64,15 @@ pub struct Tf {
     #[arg(long, value_name = "N")]
     held_out: Option<usize>,
     /// Pixels drawn from the pictures
-    #[arg(long, value_name = "N", default_value_t = 32_768, value_parser = clap::value_parser!(u32).range(64..=16_777_216))]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 32_768,
+        value_parser = clap::value_parser!(u32).range(64..=16_777_216),
+    )]
     rays: u32,
-    /// Most refinements (default: 14, or one for each of the 7 weights that held-out views choose from; weiss2021: 200 epochs)
+    /// Most refinements (default: 14, or one for each of the 7 weights that held-out views choose from; weiss2021: 200
+    /// epochs)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: Option<u32>,
     #[arg(
@@ -113,14 +121,15 @@ impl Tf {
     /// # Errors
     /// If the pictures or the volume cannot be read or used, or the outputs cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut task = Task::begin(&self.output, Content::TransferFunction, self.report.as_deref(), &self.memory)?;
+        let mut task =
+            report::begin(&self.output, Content::TransferFunction, self.report.as_deref(), (self.memory, output))?;
         let limits = task.limits;
         let mut clock = StageClock::start();
         let LoadedCapture { json, capture, .. } = self.input(limits)?;
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 3).map_err(|e| e.at(&json))?;
         let captured =
             Captured { json: &json, capture: &capture, emission: Emission::Sought, layer: self.layer.as_deref() };
-        let (photos, mut warnings) = task.pictures(captured, output, photos::WHOLE, |photo| photo)?;
+        let (photos, mut warnings) = task.pictures(captured, photos::WHOLE, |photo| photo)?;
         let field = self.field(&mut task, output)?;
         let request = self.request(&capture, &field, held_out, &task)?;
         let expected = cost(&request, &field, &photos);
@@ -129,7 +138,7 @@ impl Tf {
         task.work_begins();
         clock.end("read");
 
-        let outcome = match ended(solve(&field, &photos, &request, &task, output).map_err(|e| e.at(&json)))? {
+        let outcome = match cancel::ended(solve(&field, &photos, &request, &task, output).map_err(|e| e.at(&json)))? {
             Ok(outcome) => outcome,
             Err(code) => return Ok(code),
         };
@@ -174,7 +183,7 @@ impl Tf {
             self.compare_views(&mut run, limits, task.closing())?;
         }
         output.report(&run)?;
-        Ok(exit_code(run.stopped, output))
+        Ok(cancel::exit_code(run.stopped, output))
     }
 
     /// Loads the capture, and refuses pictures without colors.
@@ -192,7 +201,7 @@ impl Tf {
     }
 
     /// Reads the volume in the pictures.
-    fn field(&self, task: &mut Task<'_>, output: &Output) -> Result<Bricks<f32>> {
+    fn field(&self, task: &mut Task, output: &Output) -> Result<Bricks<f32>> {
         let field = {
             let _stage = output.stage("reading the volume");
             transfer_page::field(&self.volume, self.grid.as_deref(), task.limits)?
@@ -202,7 +211,7 @@ impl Tf {
     }
 
     /// Writes the transfer function with its provenance.
-    fn write(&self, transfer: &Transfer, task: &mut Task<'_>) -> Result<()> {
+    fn write(&self, transfer: &Transfer, task: &mut Task) -> Result<()> {
         task.provenance.lap();
         let origin = serde_json::to_value(&task.provenance).map_err(|e| Error::invalid(e.to_string()))?;
         transfer::save(&self.output, transfer, None, Some(&origin))
@@ -237,13 +246,7 @@ impl Tf {
         Ok(())
     }
 
-    fn request(
-        &self,
-        capture: &Capture,
-        field: &Bricks<f32>,
-        held_out: Vec<usize>,
-        task: &Task<'_>,
-    ) -> Result<Request> {
+    fn request(&self, capture: &Capture, field: &Bricks<f32>, held_out: Vec<usize>, task: &Task) -> Result<Request> {
         let previous = (self.resume && self.output.exists()).then_some(&self.output);
         let load = |path: &PathBuf| {
             let loaded = protected::unprotected(path, || transfer::load(path, &Options::default()));
@@ -272,21 +275,14 @@ impl Tf {
     }
 }
 
-fn solve(
-    field: &Bricks<f32>,
-    photos: &[Photo],
-    request: &Request,
-    task: &Task<'_>,
-    output: &Output,
-) -> Result<Outcome> {
-    let bar = output.progress(u64::from(request.most_steps()), "transfer function");
+fn solve(field: &Bricks<f32>, photos: &[Photo], request: &Request, task: &Task, output: &Output) -> Result<Outcome> {
+    let bar = output.steps(u64::from(request.most_steps()), "transfer function");
     let outcome = reconstruct(field, photos, request, |step| {
-        bar.set_position(u64::from(step.iteration));
         let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
-        bar.set_message(format!("smoothness {:.0e}, rms {:.2e}{psnr}", step.smooth, step.rms));
+        bar.reach(step.iteration.into(), format!("smoothness {:.0e}, rms {:.2e}{psnr}", step.smooth, step.rms));
         task.flow()
     });
-    bar.finish_and_clear();
+    drop(bar);
     outcome
 }
 

@@ -4,19 +4,21 @@ use super::capture::LoadedCapture;
 use super::forecast::Forecast;
 use super::region::{Placed, Region, Unknowns};
 use super::stages::StageClock;
+use crate::app::checks::excerpt::Excerpt;
+use crate::app::checks::residuals;
+use crate::app::checks::{Emission, Warning};
+use crate::app::photos;
+use crate::app::run::{self, RefinedCameras, Run, Solver};
+use crate::app::task::{Captured, Task};
 use crate::cli::output::Output;
-use crate::cli::photos;
-use crate::cli::run::{self, RefinedCameras, Run, Solver};
-use crate::cli::task::{Captured, Task};
+use crate::cli::{cancel, report};
 use crate::error::Result;
-use crate::optimise::density::{Request, Stage, Step};
-use crate::optimise::plausibility::cost::{Cost, Method};
-use crate::optimise::plausibility::excerpt::Excerpt;
-use crate::optimise::plausibility::residuals;
-use crate::optimise::plausibility::{Emission, Warning};
-use crate::optimise::projection::observation::Observation;
-use crate::optimise::projection::photo::Photo;
-use crate::optimise::projection::transmittances::{Channels, Transmittances};
+use crate::inverse::cost::{Cost, Method};
+use crate::inverse::density::Request;
+use crate::inverse::observation::Observation;
+use crate::inverse::observation::photo::Photo;
+use crate::inverse::observation::transmittances::{Channels, Transmittances};
+use crate::inverse::progress::{Stage, Step};
 use crate::scene::grid::{Grid, MetaValue};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -27,7 +29,9 @@ use std::process::ExitCode;
 #[derive(Debug)]
 pub(super) struct VolumeTask<'t> {
     /// Limits, interruption and provenance of the command.
-    pub task: Task<'t>,
+    pub task: Task,
+    /// Folder of the page; none where no page is asked for.
+    page: Option<&'t Path>,
     /// The capture of the pictures.
     pub input: LoadedCapture,
     /// Path of the VDB to write.
@@ -76,16 +80,18 @@ pub(super) struct Solved {
 }
 
 impl<'t> VolumeTask<'t> {
-    /// Begins with a capture that was loaded; the clock of the first stage, which reads the pictures, starts here.
+    /// Begins with a capture that was loaded, for a VDB and the folder of a page; the clock of the first stage, which
+    /// reads the pictures, starts here.
     pub fn new(
-        task: Task<'t>,
+        task: Task,
         input: LoadedCapture,
-        vdb: &'t Path,
+        (vdb, page): (&'t Path, Option<&'t Path>),
         layer: Option<&'t str>,
         output: &'t Output,
     ) -> Self {
         Self {
             task,
+            page,
             input,
             vdb,
             layer,
@@ -134,7 +140,7 @@ impl<'t> VolumeTask<'t> {
         };
         let captured = Captured { json, capture, emission, layer: self.layer };
         let bytes = if whole { photos::WHOLE } else { photos::DEPTHS };
-        let (taken, mut warnings) = self.task.pictures(captured, self.output, bytes, take)?;
+        let (taken, mut warnings) = self.task.pictures(captured, bytes, take)?;
         self.warnings.append(&mut warnings);
         let (mut excerpts, mut transmittances, mut photos) = (Vec::new(), Vec::new(), Vec::new());
         for (excerpt, of_picture, photo) in taken {
@@ -191,12 +197,12 @@ impl<'t> VolumeTask<'t> {
         steps: u64,
         solver: impl FnOnce(&mut dyn FnMut(&Step) -> ControlFlow<()>) -> Result<T>,
     ) -> Result<T> {
-        let bar = self.output.progress(steps, what);
+        let bar = self.output.steps(steps, what);
         let outcome = solver(&mut |step| {
             run::show(&bar, step);
             self.task.flow()
         });
-        bar.finish_and_clear();
+        drop(bar);
         outcome
     }
 
@@ -263,7 +269,7 @@ impl<'t> VolumeTask<'t> {
                 refined.capture.display()
             ));
         }
-        let run = Run {
+        let mut run = Run {
             capture: self.refined.as_ref().map_or(self.input.json, |refined| refined.capture.clone()),
             output: self.vdb.to_path_buf(),
             grid,
@@ -288,6 +294,11 @@ impl<'t> VolumeTask<'t> {
             history: solved.history,
             provenance: self.task.provenance.clone(),
         };
-        self.task.finish(run, self.output)
+        if let Some(dir) = self.page {
+            let _stage = self.output.stage("report");
+            run.report = Some(report::write(dir, &run, self.task.limits, self.task.closing())?);
+        }
+        self.output.report(&run)?;
+        Ok(cancel::exit_code(run.stopped, self.output))
     }
 }

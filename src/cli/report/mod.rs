@@ -5,8 +5,11 @@ mod volume;
 
 use super::memory::Memory;
 use super::output::Output;
-use super::run::Run;
-use super::{outputs, photos};
+use crate::app::Context;
+use crate::app::outputs::Content;
+use crate::app::run::Run;
+use crate::app::task::Task;
+use crate::app::{outputs, photos};
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -72,7 +75,7 @@ impl Record {
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Written {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     report: PathBuf,
     /// Error of the volume against `--reference`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -90,6 +93,21 @@ impl fmt::Display for Written {
 
 /// Name and capture of other renders to show beside the program's own.
 type Beside = (String, Capture);
+
+/// Begins a long task, once its output and the folder of its page are known to have fitting names and to be writable.
+///
+/// # Errors
+/// Those of [`Task::begin`] and [`prepare`].
+pub fn begin(
+    output: &Path,
+    content: Content,
+    page: Option<&Path>,
+    (memory, context): (Memory, &Context),
+) -> Result<Task> {
+    let task = Task::begin(output, content, memory.limits(), context)?;
+    page.map_or(Ok(()), prepare)?;
+    Ok(task)
+}
 
 impl Report {
     /// Paths that the command reads.
@@ -176,8 +194,8 @@ pub fn prepare(dir: &Path) -> Result<()> {
     [RECORD, PAGE].into_iter().try_for_each(|name| atomic::probe(&dir.join(name)))
 }
 
-/// Writes the page of a volume and its record, and returns the page's path. Once the work is to stop, views are left out
-/// that are not rendered yet.
+/// Writes the page of a volume and its record, and returns the page's path. Once the work is to stop, views are left
+/// out that are not rendered yet.
 ///
 /// # Errors
 /// If the volume or the pictures cannot be read, or the files cannot be written.

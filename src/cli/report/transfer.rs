@@ -1,20 +1,20 @@
 //! Record and page of a transfer function that was reconstructed.
 
 use super::{Beside, extra};
+use crate::app::checks::Warning;
+use crate::app::photos;
+use crate::app::provenance::Provenance;
+use crate::app::run;
 use crate::cancel::Cancel;
-use crate::cli::photos;
-use crate::cli::provenance::Provenance;
-use crate::cli::run;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer::Options;
 use crate::formats::vdb::File;
 use crate::formats::{captures, transfer};
+use crate::inverse::cost::Cost;
+use crate::inverse::progress::Stage;
+use crate::inverse::transfer::{Solver, Step};
 use crate::metrics;
-use crate::optimise::density::Stage;
-use crate::optimise::plausibility::Warning;
-use crate::optimise::plausibility::cost::Cost;
-use crate::optimise::transfer::{Solver, Step};
 use crate::render;
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::Quadrature;
@@ -34,15 +34,15 @@ use std::sync::atomic::AtomicBool;
 #[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct TransferRun {
     /// Path of the pictures' transforms.json.
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pub capture: PathBuf,
     /// Path of the volume in the pictures.
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pub volume: PathBuf,
     /// Grid of the volume, if `--grid` names one.
     pub grid: Option<String>,
     /// Path of the transfer function that was written.
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pub output: PathBuf,
     /// Solver of the texels.
     pub solver: Solver,
@@ -83,10 +83,10 @@ pub struct TransferRun {
     #[serde(default)]
     pub warnings: Vec<Warning>,
     /// Path of the page, if `--report` requests one.
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pub report: Option<PathBuf>,
-    /// Confidence of each texel's extinction and color, 0 to 1: the share of the pictures beside that of the prior; empty
-    /// after a descent.
+    /// Confidence of each texel's extinction and color, 0 to 1: the share of the pictures beside that of the prior;
+    /// empty after a descent.
     pub confidence: Vec<[f64; 2]>,
     /// Wall time of each stage.
     pub stages: Vec<Stage>,

@@ -1,10 +1,10 @@
 //! The page of a volume that was reconstructed.
 
 use super::{Beside, extra};
+use crate::app::photos;
+use crate::app::run::{self, Run, Solver};
+use crate::app::volume as volumes;
 use crate::cancel::Cancel;
-use crate::cli::photos;
-use crate::cli::run::{self, Run, Solver};
-use crate::cli::volume as volumes;
 use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{CONFIDENCE, File, shaded};

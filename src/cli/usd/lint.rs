@@ -1,9 +1,9 @@
 //! `cumulo usd lint`: faults of stages, with remedies, and a layer that removes those that are safe to remove.
 
+use crate::app::outputs::{self, Content};
 use crate::cli::info::Failure;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::formats::usd::Stage;
@@ -40,13 +40,13 @@ pub(in crate::cli) struct Report {
     clean: bool,
     stages: Vec<Checked>,
     /// Layer that was written; none if nothing could be fixed.
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     layer: Option<PathBuf>,
 }
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Checked {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     path: PathBuf,
     findings: Vec<Told>,
     /// Error that kept the stage from being read.
@@ -85,7 +85,7 @@ impl Lint {
         }
         let mut stages = Vec::new();
         let mut layer = None;
-        let bar = output.progress(self.stages.len() as u64, "checking");
+        let bar = output.steps(self.stages.len() as u64, "checking");
         for path in &self.stages {
             let checked = self.check(path, &mut layer);
             stages.push(match checked {
@@ -95,7 +95,7 @@ impl Lint {
             });
             bar.inc(1);
         }
-        bar.finish_and_clear();
+        drop(bar);
         let failed = stages.iter().any(|stage| stage.error.is_some());
         let clean = !failed && !stages.iter().flat_map(|stage| &stage.findings).any(Told::counts);
         output.report(&Report { clean, stages, layer })?;

@@ -1,8 +1,8 @@
 //! Findings about one file.
 
+use crate::app::checks::Warning;
 use crate::error::{Error, Kind, Result};
 use crate::formats::problem::Problem;
-use crate::optimise::plausibility::Warning;
 use serde::Serialize;
 use std::fmt;
 

@@ -7,10 +7,10 @@ mod sequence;
 mod traits;
 mod volume;
 
-use super::frames::FramesOption;
 use super::info::Failure;
 use super::memory::Memory;
 use super::output::Output;
+use crate::app::sequence::FrameSelection;
 use crate::error::{Error, Kind, Result};
 use crate::formats::imaging::format as imaging;
 use crate::formats::limits::Limits;
@@ -27,17 +27,17 @@ use traits::Traits;
 
 /// Say what is wrong with files and what to do; exit code 1 if anything is
 ///
-/// Of a sequence, 'smoke.####.vdb' or a folder of numbered files, each frame is checked, and so is the whole: frames that are
-/// missing, names, types of values and voxel sizes that change, and frames whose largest value or sum leaps. Warnings, such as
-/// pixels that contradict what a capture states, do not change the exit code.
+/// Of a sequence, 'smoke.####.vdb' or a folder of numbered files, each frame is checked, and so is the whole: frames
+/// that are missing, names, types of values and voxel sizes that change, and frames whose largest value or sum leaps.
+/// Warnings, such as pixels that contradict what a capture states, do not change the exit code.
 #[derive(Debug, clap::Args)]
 pub struct Validate {
-    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of either) with
-    /// their pictures, and sequences of files
+    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of
+    /// either) with their pictures, and sequences of files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
-    frames: FramesOption,
+    frames: FrameSelection,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
@@ -53,7 +53,7 @@ pub(in crate::cli) struct Report {
 
 #[derive(Debug, Serialize, JsonSchema)]
 struct Checked {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     path: PathBuf,
     /// Number of the frame, of a file of a sequence.
     #[serde(skip_serializing_if = "Option::is_none")]

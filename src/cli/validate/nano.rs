@@ -8,7 +8,8 @@ use crate::formats::limits::Limits;
 use crate::formats::nanovdb::File;
 use std::path::Path;
 
-/// Checks all grids of a file and their values, and returns what the file is compared by if it is a frame of a sequence.
+/// Checks all grids of a file and their values, and returns what the file is compared by if it is a frame of a
+/// sequence.
 ///
 /// # Errors
 /// If the operating system keeps the file from being read.

@@ -3,7 +3,7 @@
 use super::findings::Findings;
 use super::traits::{Deviation, Trait, Traits, deviations};
 use super::{Checked, Validate};
-use crate::cli::frames::{Present, Sequence, each};
+use crate::app::sequence::{Present, Sequence, each};
 use crate::cli::info::Failure;
 use crate::cli::output::Output;
 use crate::error::{Error, Result};
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(super) struct CheckedSequence {
     /// Path with the number's digits written as `#`.
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pattern: PathBuf,
     /// Number of frames that were checked.
     frames: usize,

@@ -29,9 +29,9 @@ pub(super) struct Deviation {
     pub remedy: &'static str,
 }
 
-/// Factor by which a figure may differ from those of both neighbours before it counts as a leap. Sources that start, and
-/// explosions, change by less from frame to frame once they are there; values in other units, and frames that were written
-/// twice or not at all, by more.
+/// Factor by which a figure may differ from those of both neighbours before it counts as a leap. Sources that start,
+/// and explosions, change by less from frame to frame once they are there; values in other units, and frames that were
+/// written twice or not at all, by more.
 const LEAP: f64 = 4.0;
 
 /// Largest change of a matrix's entries, relative to its largest, that rounding explains.

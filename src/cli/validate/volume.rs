@@ -130,7 +130,7 @@ fn check_usable(native: &NativeGrid, info: &GridInfo, findings: &mut Findings) -
         // Bricks reach into those below them.
         let [low, high] = [IVec3::from_array(min).map(|c| (c >> 3) - 1), IVec3::from_array(max).map(|c| c >> 3)];
         if let Err(error) = table_entries(low, high) {
-            findings.problem(name, error.what(), error.remedy().unwrap_or_default());
+            findings.problem(name, error.what(), &error.remedy().unwrap_or_default());
         }
     }
     Ok(())

@@ -5,7 +5,8 @@ use crate::scene::orbit;
 use crate::scene::up::Up;
 use glam::DVec3;
 
-/// Direction from the volume to the camera in a world whose z axis is up: from the front, a little from the right and from above.
+/// Direction from the volume to the camera in a world whose z axis is up: from the front, a little from the right and
+/// from above.
 const DIRECTION: DVec3 = DVec3::new(0.45, -0.8, 0.4);
 
 /// Angle of view in degrees.

@@ -138,7 +138,8 @@ fn half_angle(camera: &Camera) -> f64 {
     }
 }
 
-/// The point nearest to all lines of sight, by least squares; none if they are parallel, or it lies behind most cameras.
+/// The point nearest to all lines of sight, by least squares; none if they are parallel, or it lies behind most
+/// cameras.
 fn target(stands: &[Stand]) -> Option<DVec3> {
     let (mut matrix, mut right) = (glam::DMat3::ZERO, DVec3::ZERO);
     for stand in stands {

@@ -6,8 +6,8 @@ use crate::scene::film::Film;
 /// Share of the pixels that may be brighter than white.
 const BRIGHTER: f64 = 0.01;
 
-/// Returns the radiance that 99 % of the pixels of a film stay below, of the brightest of their channels; 0 if no pixel has
-/// any.
+/// Returns the radiance that 99 % of the pixels of a film stay below, of the brightest of their channels; 0 if no pixel
+/// has any.
 pub(super) fn white_of(film: &Film) -> f64 {
     let brightest = film.rgba.iter().map(|[r, g, b, _]| r.max(*g).max(*b));
     Range::of(brightest, BRIGHTER).map_or(0.0, |range| range.high.max(0.0))

@@ -11,22 +11,22 @@ mod subject;
 mod terminal;
 mod volume;
 
-use super::failed;
-use super::frames::FramesOption;
 use super::info::Failure;
 use super::memory::Memory;
 use super::output::Output;
-use super::outputs::{self, Content as Kind};
-use super::parse::{self, DensityScale};
-use super::provenance::quoted;
-use super::transfer::TransferOption;
-use super::up::{self, UpChoice};
+use super::parse;
+use crate::app::outputs::{self, Content as Kind};
+use crate::app::pictures::DensityScale;
+use crate::app::sequence::FrameSelection;
+use crate::app::transfer::TransferSettings;
+use crate::app::up::{self, UpChoice};
 use crate::error::{Error, Kind as ErrorKind, Result};
 use crate::formats::sequence::{Frames, Pattern};
 use crate::formats::vdb::File;
 use crate::formats::{self, Format, captures, picture, png, protected};
 use crate::report::sheet::Sheet;
 use crate::scene::up::Up;
+use crate::text::shell_quoted;
 pub(in crate::cli) use shown::Report;
 use shown::{Content, NotShown, Shown};
 use std::collections::BTreeSet;
@@ -37,13 +37,13 @@ use terminal::Graphics;
 
 /// Look at files: volumes, pictures, captures and sequences, each as one contact sheet
 ///
-/// A VDB is shown by a picture of its density, three slices and a histogram; an OpenEXR picture by its layers; a capture
-/// by its views and a plan of its cameras; a sequence by its frames. Scales and exposures are chosen so that something can
-/// be seen, and are stated. A file that cannot be shown is named, and the others are shown.
+/// A VDB is shown by a picture of its density, three slices and a histogram; an OpenEXR picture by its layers; a
+/// capture by its views and a plan of its cameras; a sequence by its frames. Scales and exposures are chosen so that
+/// something can be seen, and are stated. A file that cannot be shown is named, and the others are shown.
 #[derive(Debug, clap::Args)]
 pub struct View {
-    /// OpenVDB files, pictures (OpenEXR, PNG, JPEG), captures, and sequences such as smoke.####.vdb, view.%04d.exr or the folder
-    /// of one
+    /// OpenVDB files, pictures (OpenEXR, PNG, JPEG), captures, and sequences such as smoke.####.vdb, view.%04d.exr or
+    /// the folder of one
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Write the sheet to this PNG; of several files, into this folder (default: show it in the terminal)
@@ -71,7 +71,7 @@ pub struct View {
     #[arg(long, value_name = "A-B")]
     frames: Option<Frames>,
     #[command(flatten)]
-    transfer: TransferOption,
+    transfer: TransferSettings,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
@@ -94,7 +94,8 @@ impl View {
     /// Reads, draws, writes or shows, and reports.
     ///
     /// # Errors
-    /// If the only file cannot be read or shown, a sheet cannot be written, or there is neither a terminal nor an output.
+    /// If the only file cannot be read or shown, a sheet cannot be written, or there is neither a terminal nor an
+    /// output.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let destination = self.destination(output)?;
         let (mut sheets, mut failed) = (Vec::new(), Vec::new());
@@ -125,7 +126,7 @@ impl View {
             let size = [canvas.width, canvas.height];
             sheets.push(Shown { input: file.clone(), output: written, size, content });
         }
-        sheets.iter().for_each(|shown| failed::tell(shown.content.failed()));
+        sheets.iter().for_each(|shown| output.failed(shown.content.failed()));
         let whole = failed.is_empty() && sheets.iter().all(|shown| shown.content.failed().is_empty());
         output.report(&Report { sheets, failed })?;
         Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(2) })
@@ -155,12 +156,13 @@ impl View {
             Format::Unknown => Err(formats::unknown(path)),
             other => Err(Error::unsupported(format!("{} has no sheet", other.name())).at(path).hint(format!(
                 "render a picture of it: cumulo render {} --views 1 --size 512x512 -o picture.png",
-                quoted(&path.to_string_lossy())
+                shell_quoted(&path.to_string_lossy())
             ))),
         }
     }
 
-    /// Returns the names of the sequence that a path stands for: a pattern, or a folder that is no capture; none for a file.
+    /// Returns the names of the sequence that a path stands for: a pattern, or a folder that is no capture; none for a
+    /// file.
     ///
     /// # Errors
     /// If a folder holds several sequences, or neither a sequence nor a capture.
@@ -168,7 +170,7 @@ impl View {
         if path.is_dir() && captures::file(path).exists() {
             return Ok(None);
         }
-        let found = FramesOption::default().sequence(path, &ENDINGS)?;
+        let found = FrameSelection::default().sequence(path, &ENDINGS)?;
         if found.is_none() && path.is_dir() {
             return Err(Error::invalid("the folder holds neither a capture nor a sequence")
                 .at(path)

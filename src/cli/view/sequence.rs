@@ -4,7 +4,7 @@ use super::capture::evenly;
 use super::shown::{Content, Sequence};
 use super::subject::Subject;
 use super::{View, camera, exposure, name_of, volume};
-use crate::cli::failed::Failed;
+use crate::app::failed::Failed;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::png::ToneMapping;

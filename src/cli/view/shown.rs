@@ -1,7 +1,7 @@
 //! What a sheet shows, for the report.
 
 use super::slices::Cut;
-use crate::cli::failed::{Failed, List};
+use crate::app::failed::{Failed, List};
 use crate::cli::info::Failure;
 use crate::report::sheet::Range;
 use crate::report::short;
@@ -22,7 +22,7 @@ pub(in crate::cli) struct Report {
 /// A file that could not be shown.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct NotShown {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pub input: PathBuf,
     pub error: Failure,
 }
@@ -30,10 +30,10 @@ pub(in crate::cli) struct NotShown {
 /// A sheet of a file.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Shown {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pub input: PathBuf,
     /// PNG that was written; none if the sheet was shown in the terminal.
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     pub output: Option<PathBuf>,
     /// Width and height of the sheet in pixels.
     pub size: [usize; 2],

@@ -24,7 +24,8 @@ pub(super) struct Orientation {
 }
 
 impl Orientation {
-    /// Orientation by a transform to a world with an upward axis; without a transform the index axes count as the world's.
+    /// Orientation by a transform to a world with an upward axis; without a transform the index axes count as the
+    /// world's.
     pub(super) fn of(transform: Option<&Affine>, up: Up) -> Self {
         let matrix = DMat3::from_mat4(transform.map_or(DMat4::IDENTITY, Affine::matrix));
         let columns = [0, 1, 2].map(|a| matrix.col(a).normalize_or_zero());
@@ -81,8 +82,8 @@ pub(super) fn background(info: &GridInfo) -> f32 {
     magnitude(&values)
 }
 
-/// Returns the slices through the middle of the box of active voxels, whose longer side has at most `side` pixels; none of
-/// an empty grid. Directions of the world to the right and up are those in the slice.
+/// Returns the slices through the middle of the box of active voxels, whose longer side has at most `side` pixels; none
+/// of an empty grid. Directions of the world to the right and up are those in the slice.
 ///
 /// # Errors
 /// If the grid has no values.

@@ -2,9 +2,9 @@
 
 use super::View;
 use super::slices::magnitude;
+use crate::app::pictures::DensityScale;
+use crate::app::volume;
 use crate::cli::cancel;
-use crate::cli::parse::DensityScale;
-use crate::cli::volume;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer;
@@ -74,8 +74,8 @@ impl Subject {
         }
     }
 
-    /// Returns a camera that shows no more than what can be seen of the subject: the outline of its boxes is wider than a
-    /// cloud whose edges are thin. The longer side of the picture has `side` pixels.
+    /// Returns a camera that shows no more than what can be seen of the subject: the outline of its boxes is wider than
+    /// a cloud whose edges are thin. The longer side of the picture has `side` pixels.
     pub fn framed(&self, camera: &Camera, side: usize) -> Camera {
         let Some(depths) = self.depths(camera) else { return *camera };
         let most = depths.iter().copied().fold(0.0, f64::max);
@@ -144,8 +144,8 @@ impl Subject {
 /// Maps the components of a value to a density.
 type Density = Box<dyn Fn(&[f32]) -> f32>;
 
-/// Returns a grid of any type as a density: the inside of a level set, else how far values are from the background, and in
-/// words what it is.
+/// Returns a grid of any type as a density: the inside of a level set, else how far values are from the background, and
+/// in words what it is.
 fn density(native: &NativeGrid, info: &GridInfo, limits: Limits) -> Result<(Grid, &'static str)> {
     let leaf_bytes = (size_of::<Leaf>() + 4 * LEAF_VOXELS + 16) as u64;
     let bytes = info.memory.saturating_add(info.leaf_count.saturating_mul(leaf_bytes));

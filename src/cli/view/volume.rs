@@ -151,7 +151,7 @@ fn picture(
     let subject = match Subject::of(view, native, info, limits) {
         Ok(subject) => subject,
         Err(e) if by_option => return Err(e),
-        Err(e) => return blank(e.what(), "nothing"),
+        Err(e) => return blank(&e.what(), "nothing"),
     };
     let (meaning, title) = (subject.meaning, subject.light());
     let outline = subject.field.outline();

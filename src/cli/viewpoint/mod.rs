@@ -4,16 +4,22 @@ mod page;
 
 use super::memory::Memory;
 use super::output::Output;
-use super::outputs::{self, Content};
-use super::parse::{self, DensityScale};
-use super::task::{Task, exit_code};
-use super::transfer::TransferOption;
-use super::up::{ChosenUp, UpChoice};
-use super::{render, volume};
+use super::parse;
+use crate::app::outputs::{self, Content};
+use crate::app::pictures::DensityScale;
+use crate::app::provenance::Provenance;
+use crate::app::render;
+use crate::app::task::Task;
+use crate::app::transfer::TransferSettings;
+use crate::app::up::{ChosenUp, UpChoice};
+use crate::app::volume;
+use crate::cli::cancel;
+use crate::cli::report;
+use crate::cli::words;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::{exr, protected, transforms};
-use crate::optimise::viewpoint::{self, Outcome, Request};
+use crate::inverse::viewpoint::{self, Outcome, Request};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::{Quadrature, rules};
@@ -55,7 +61,8 @@ pub struct Viewpoint {
     /// Replace a capture that another command wrote, and pictures in their folder that no earlier run wrote
     #[arg(long)]
     overwrite: bool,
-    /// Number of viewpoints to start from: the search begins at the best of each and a dozen about it, on small pictures
+    /// Number of viewpoints to start from: the search begins at the best of each and a dozen about it, on small
+    /// pictures
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     starts: u32,
     /// Evaluations from each start, at most, for each size of picture that the search goes through
@@ -83,7 +90,7 @@ pub struct Viewpoint {
     #[arg(long, value_name = "R,G,B", value_parser = parse::color)]
     background: Option<[f32; 3]>,
     #[command(flatten)]
-    transfer: TransferOption,
+    transfer: TransferSettings,
     #[arg(
         long,
         value_name = "Q",
@@ -123,10 +130,10 @@ struct Start {
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Report {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     output: PathBuf,
     /// Folder of the pictures; none if only cameras were asked for.
-    #[serde(serialize_with = "crate::cli::paths::text", skip_serializing_if = "Option::is_none")]
+    #[serde(serialize_with = "crate::app::paths::text", skip_serializing_if = "Option::is_none")]
     pictures: Option<PathBuf>,
     views: usize,
     /// Opacity entropy of the best view.
@@ -147,7 +154,7 @@ pub(in crate::cli) struct Report {
     render_seconds: f64,
     /// Wall time of the search divided by that of one picture without derivatives.
     equivalent_renders: f64,
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     report: Option<PathBuf>,
 }
 
@@ -187,8 +194,9 @@ impl Viewpoint {
             outputs::folder(folder)?;
             self.spare_other_capture(folder)?;
         }
-        let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), &self.memory)?;
-        let (limits, cancel) = (task.limits, task.cancel);
+        let mut task = report::begin(&self.output, Content::Capture, self.report.as_deref(), (self.memory, output))?;
+        task.provenance = words::provenance("viewpoint", output);
+        let (limits, cancel) = (task.limits, task.stop().polled());
         let reading = output.stage("reading the volume");
         let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
         let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
@@ -213,16 +221,16 @@ impl Viewpoint {
         // Earlier viewpoints have no say in the density scale: it would be another one in each run.
         request.exact_starts = self.previous(&around)?;
         render::fits(&capture, 0, limits.max_memory)?;
-        self.spare(&capture, &task.provenance.command)?;
+        self.spare(&capture, &task.provenance)?;
 
         let medium = opaque(capture.medium()?)?;
         let quadrature = self.quadrature.unwrap_or_else(|| Quadrature::usual(&medium.source));
         let dvr = Dvr::new(&field, medium)?.quadrature(quadrature).over([1.0; 3]);
         task.work_begins();
-        let bar = output.progress(viewpoint::ticks(&request) as u64 + u64::from(self.samples), "viewpoint");
+        let bar = output.steps(viewpoint::ticks(&request) as u64 + u64::from(self.samples), "viewpoint");
         let mut outcome = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
         let samples = self.sample(&dvr, &request, cancel, &|| bar.inc(1));
-        bar.finish_and_clear();
+        drop(bar);
         outcome.stopped = task.flow().is_break();
         let blank = outcome.views.iter().all(|view| view.entropy.blank);
         if blank {
@@ -252,7 +260,7 @@ impl Viewpoint {
             report.report = Some(page.write(dir)?);
         }
         output.report(&report)?;
-        Ok(exit_code(outcome.stopped, output))
+        Ok(cancel::exit_code(outcome.stopped, output))
     }
 
     /// Returns the unit vectors to the viewpoints of an earlier run, with `--resume`.
@@ -285,20 +293,20 @@ impl Viewpoint {
 
     /// Makes sure that the outputs replace neither inputs nor a capture of another command, nor pictures that no
     /// earlier run wrote. A search that is resumed may have other options than the one that it goes on from.
-    fn spare(&self, capture: &Capture, command: &str) -> Result<()> {
+    fn spare(&self, capture: &Capture, provenance: &Provenance) -> Result<()> {
         let written = capture.frames.iter().filter(|_| self.pictures.is_some());
         let pictures: Vec<PathBuf> = written.map(|f| f.picture.clone()).collect();
         pictures.iter().chain([&self.output]).try_for_each(|path| protected::check(path))?;
-        let earlier = || outputs::provenance(&self.output).map(|earlier| earlier.command);
-        let goes_on = || self.resume && earlier().is_some_and(|earlier| outputs::is_subcommand(&earlier, "viewpoint"));
+        let earlier = || outputs::provenance(&self.output);
+        let goes_on = || self.resume && earlier().is_some_and(|earlier| earlier.use_case == provenance.use_case);
         if self.overwrite || goes_on() {
             return Ok(());
         }
-        outputs::spare_captures(&self.output, &pictures, command)
+        outputs::spare_captures(&self.output, &pictures, provenance)
     }
 
-    /// Returns the folder that the capture names for its pictures: where they are not rendered, one beside the capture that
-    /// bears its name, so that no other capture's pictures are taken for its own.
+    /// Returns the folder that the capture names for its pictures: where they are not rendered, one beside the capture
+    /// that bears its name, so that no other capture's pictures are taken for its own.
     fn folder(&self) -> PathBuf {
         let stem = self.output.file_stem().unwrap_or_default();
         self.pictures.clone().unwrap_or_else(|| self.output.with_file_name(stem))
@@ -350,16 +358,16 @@ impl Viewpoint {
         Some((all, begun.elapsed().as_secs_f64()))
     }
 
-    /// Writes the capture, and with `--pictures` its pictures together with it, and returns the best view's picture where
-    /// it is rendered. After a search that was stopped, only the pictures rendered within a second are written; no picture
-    /// is returned if some are missing.
+    /// Writes the capture, and with `--pictures` its pictures together with it, and returns the best view's picture
+    /// where it is rendered. After a search that was stopped, only the pictures rendered within a second are written;
+    /// no picture is returned if some are missing.
     fn write(
         &self,
         field: &Bricks<f32>,
         capture: &mut Capture,
         around: &Sphere,
         outcome: &Outcome,
-        task: &mut Task<'_>,
+        task: &mut Task,
     ) -> Result<Option<Film>> {
         capture.frames = self.frames(outcome.views.iter().map(|view| around.camera(&view.axes)).collect());
         let mut batch = Batch::new();
@@ -433,8 +441,8 @@ impl Viewpoint {
     }
 }
 
-/// Returns a medium of the same opacity with less to compute: the colors of a transfer function do not matter, and points
-/// that only they need are left out.
+/// Returns a medium of the same opacity with less to compute: the colors of a transfer function do not matter, and
+/// points that only they need are left out.
 fn opaque(medium: Medium) -> Result<Medium> {
     let source = match &medium.source {
         Source::Grey(_) | Source::Linear(_) => Source::Grey([0.0; 3]),

@@ -1,9 +1,9 @@
 //! The page of a search for viewpoints.
 
 use super::Report;
-use crate::cli::provenance::Provenance;
+use crate::app::provenance::Provenance;
 use crate::error::Result;
-use crate::optimise::viewpoint::Outcome;
+use crate::inverse::viewpoint::Outcome;
 use crate::report::{Page, SphereMap, Walk};
 use crate::scene::film::Film;
 use glam::DVec3;

@@ -44,8 +44,8 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
 /// size is not stated.
 ///
 /// # Errors
-/// If the file cannot be read or used, or pictures are distorted by a lens or covered by masks. The error names the file
-/// and the frame.
+/// If the file cannot be read or used, or pictures are distorted by a lens or covered by masks. The error names the
+/// file and the frame.
 pub fn load(path: &Path) -> Result<Capture> {
     load_within(path, Limits::default())
 }

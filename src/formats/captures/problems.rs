@@ -58,12 +58,12 @@ fn of_picture(frame: &Frame, capture: &Capture, limits: Limits) -> Vec<Problem> 
         Ok(picture) => picture,
         Err(error) => {
             let missing = error.io_kind() == Some(std::io::ErrorKind::NotFound);
-            let what = if missing { "there is no such picture" } else { error.what() };
+            let what = if missing { "there is no such picture".into() } else { error.what() };
             // The user corrects 'file_path' in the capture, not a path on the command line.
             let remedy = match error.remedy() {
-                _ if missing => "correct 'file_path', or add the picture",
+                _ if missing => "correct 'file_path', or add the picture".into(),
                 Some(remedy) => remedy,
-                None => "render or copy it again",
+                None => "render or copy it again".into(),
             };
             return vec![Problem::new(format!("{path}: {what}"), remedy)];
         }

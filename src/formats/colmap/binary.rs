@@ -117,7 +117,7 @@ impl Bytes {
         // A record in memory takes less than four times its bytes in the file.
         if count * least * 4 > limits.max_memory {
             return Err(Error::unsupported(format!("{count} {what} do not fit into memory"))
-                .hint("raise --max-memory if the file is to be trusted"));
+                .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
         }
         Ok(count)
     }

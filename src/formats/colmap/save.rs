@@ -32,7 +32,7 @@ pub fn save(capture: &Capture, pictures: &Path) -> Result<Texts> {
         if camera.projection == Projection::Orthographic {
             return Err(named(
                 Error::unsupported("an orthographic camera, which COLMAP does not know")
-                    .hint("write a transforms.json instead: leave --to colmap out"),
+                    .hint("write a transforms.json instead: leave ⟨to=colmap⟩ out"),
             ));
         }
         let name = frame.picture.strip_prefix(pictures).unwrap_or(&frame.picture).to_str();

@@ -109,7 +109,7 @@ impl Lines {
             }
             self.left = self.left.checked_sub(line.len() as u64).ok_or_else(|| {
                 Error::unsupported("the model does not fit into memory")
-                    .hint("raise --max-memory if the file is to be trusted")
+                    .hint("raise ⟨max_memory⟩ if the file is to be trusted")
             })?;
             return Ok(Some(line));
         }

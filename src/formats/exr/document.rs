@@ -132,8 +132,8 @@ impl Document {
         }
     }
 
-    /// Writes the file. Parts keep their compression where it is lossless, and else get ZIP: what passes through is as it
-    /// was. The file appears whole or not at all.
+    /// Writes the file. Parts keep their compression where it is lossless, and else get ZIP: what passes through is as
+    /// it was. The file appears whole or not at all.
     ///
     /// # Errors
     /// If the operating system reports one.

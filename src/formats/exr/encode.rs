@@ -1,4 +1,5 @@
-//! Compression of blocks: ZIP by libdeflate, which takes a third of the time of the `exr` crate's; all else by the crate.
+//! Compression of blocks: ZIP by libdeflate, which takes a third of the time of the `exr` crate's; all else by the
+//! crate.
 
 use exr::block::UncompressedBlock;
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock, CompressedTileBlock, TileCoordinates};
@@ -91,8 +92,8 @@ impl Packer {
     }
 }
 
-/// Writes the differences of consecutive bytes to `to`, after the bytes at even places were put before those at odd ones
-/// (`sorted`): OpenEXR's preparation for ZIP.
+/// Writes the differences of consecutive bytes to `to`, after the bytes at even places were put before those at odd
+/// ones (`sorted`): OpenEXR's preparation for ZIP.
 fn differences(bytes: &[u8], sorted: &mut Vec<u8>, to: &mut Vec<u8>) {
     sorted.resize(bytes.len(), 0);
     let (even, odd) = sorted.split_at_mut(bytes.len().div_ceil(2));

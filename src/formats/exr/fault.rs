@@ -1,8 +1,8 @@
 //! Translation of the `exr` crate's errors.
 //!
 //! No panic is caught: version 1.74.2 did not panic once in 600 000 reads of 300 000 damaged files of every compression
-//! (`tests/exr_damaged.rs` with more rounds). The one case that ended the process, an allocation of petabytes for DWA,
-//! is refused before (see `dwa`).
+//! (`tests/process/exr_damaged.rs` with more rounds). The one case that ended the process, an allocation of petabytes
+//! for DWA, is refused before (see `dwa`).
 
 use super::Window;
 use crate::error::{Error, Result};
@@ -38,7 +38,8 @@ fn remedy(feature: &str) -> &'static str {
     } else if feature.contains("subsampl") {
         SUBSAMPLED
     } else if feature.contains("j2k") {
-        "write it with ZIP compression: `oiiotool in.exr --compression zip -o out.exr` (oiiotool with OpenEXR 3.4 or newer)"
+        "write it with ZIP compression: `oiiotool in.exr --compression zip -o out.exr` (oiiotool with OpenEXR 3.4 or \
+         newer)"
     } else if feature.contains("compression") {
         "write it with ZIP compression: `oiiotool in.exr --compression zip -o out.exr`"
     } else {
@@ -64,5 +65,5 @@ pub(super) fn too_large(window: Window, channels: usize, held: u64, working: u64
         "{channels} channel(s) of {window} need {all} MiB to be read, {} MiB are allowed",
         mib(allowed)
     ))
-    .hint("raise --max-memory if the file is to be trusted, or scale or crop the picture where it was made")
+    .hint("raise ⟨max_memory⟩ if the file is to be trusted, or scale or crop the picture where it was made")
 }

@@ -37,8 +37,8 @@ fn rank(component: &str) -> (usize, String) {
 /// decoded must fit into `limits`; nothing is allocated before that is known.
 ///
 /// # Errors
-/// If the header is damaged, there is no such layer (the error lists all), chunks are missing, damaged or subsampled, or
-/// memory does not suffice.
+/// If the header is damaged, there is no such layer (the error lists all), chunks are missing, damaged or subsampled,
+/// or memory does not suffice.
 pub fn layer_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Samples> {
     let _reading = Reading::begin(path);
     let (reader, header) = header::open(path)?;

@@ -179,7 +179,7 @@ pub(super) fn named<'a>(layers: &'a [LayerInfo], name: &str) -> Result<&'a Layer
         .or_else(|| only(&|l| last_word(&l.name).eq_ignore_ascii_case(name)))
         .ok_or_else(|| {
             Error::invalid(format!("no layer '{name}'; the file has {}", listed(layers)))
-                .hint("give one of these names to --layer")
+                .hint("give one of these names to ⟨layer⟩")
         })
 }
 
@@ -204,7 +204,7 @@ pub(super) fn default<'a>(header: &Header, layers: &'a [LayerInfo]) -> Result<&'
         .or_else(|| only(layers.iter().filter(grey)))
         .ok_or_else(|| {
             Error::invalid(format!("none of the layers is plainly the picture: {}", listed(layers)))
-                .hint("name the layer with --layer")
+                .hint("name the layer with ⟨layer⟩")
         })
 }
 

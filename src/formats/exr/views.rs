@@ -36,8 +36,8 @@ impl Header {
         layer.name.split('.').filter(|word| view.is_empty() || *word != view).collect::<Vec<_>>().join(".")
     }
 
-    /// Returns the layer of a view that corresponds to a layer of another one: that of the same name but for the view's,
-    /// or, for the only colors of its view, the only colors of the other.
+    /// Returns the layer of a view that corresponds to a layer of another one: that of the same name but for the
+    /// view's, or, for the only colors of its view, the only colors of the other.
     pub fn counterpart(&self, layer: &LayerInfo, view: usize) -> Option<LayerInfo> {
         if self.view_of(layer) == view {
             return Some(layer.clone());

@@ -1,8 +1,8 @@
 //! Volumes of the DiffDVR and fV-SRN renderers (`.cvol`), plain or packed by LZ4.
 //!
-//! A file has one unnamed volume (`cvol`), or several named features over one box (`CVOL`), of bytes, 16-bit integers or
-//! floats. As these renderers do, integers are scaled to 0..1 (they are densities, and no labels), and the box is centred on the world's origin with voxels
-//! that fill it.
+//! A file has one unnamed volume (`cvol`), or several named features over one box (`CVOL`), of bytes, 16-bit integers
+//! or floats. As these renderers do, integers are scaled to 0..1 (they are densities, and no labels), and the box is
+//! centred on the world's origin with voxels that fill it.
 //!
 //! Source: the description of the format in fV-SRN's `volume.h` (Weiss et al.).
 

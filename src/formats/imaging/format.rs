@@ -166,7 +166,7 @@ fn check(header: &Header, limits: Limits) -> Result<()> {
             "a slice of {x} x {y} voxels needs {bytes} bytes, {} are allowed",
             limits.max_memory
         ))
-        .hint("raise --max-memory if the file is to be trusted"));
+        .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
     }
     Ok(())
 }

@@ -40,8 +40,8 @@ impl Header {
 
 /// Source of an image's slices.
 pub trait Slices {
-    /// Reads the next slice in ascending order of the third index: `values[(y * size[0] + x) * components + component]`.
-    /// Scale and offset of the file are applied.
+    /// Reads the next slice in ascending order of the third index: `values[(y * size[0] + x) * components +
+    /// component]`. Scale and offset of the file are applied.
     ///
     /// # Errors
     /// If the file ends early, is damaged, or cannot be read.
@@ -52,8 +52,8 @@ pub trait Slices {
         Vec::new()
     }
 
-    /// Bytes of memory that reading takes beside the slice: of an array that is held whole, or of chunks. Buffers of a fixed size
-    /// do not count.
+    /// Bytes of memory that reading takes beside the slice: of an array that is held whole, or of chunks. Buffers of a
+    /// fixed size do not count.
     fn held(&self) -> u64 {
         0
     }

@@ -45,8 +45,8 @@ pub fn values(path: &Path, from: u64, packing: Packing, skip: u64) -> Result<Box
     }
 }
 
-/// Values of `length` unpacked bytes that compare themselves with the checksum of their stream: once the last of them is read,
-/// the stream is read to its end, where the checksum is. Values that are not packed have none.
+/// Values of `length` unpacked bytes that compare themselves with the checksum of their stream: once the last of them
+/// is read, the stream is read to its end, where the checksum is. Values that are not packed have none.
 pub fn whole(reader: Box<dyn Read>, packing: Packing, length: u64) -> Box<dyn Read> {
     match packing {
         Packing::Plain => reader,
@@ -102,7 +102,8 @@ impl<R: BufRead> Read for Members<R> {
     }
 }
 
-/// A stream of zlib, which ends with its checksum. The decoder of the crate takes a stream that is cut off for one that ends.
+/// A stream of zlib, which ends with its checksum. The decoder of the crate takes a stream that is cut off for one that
+/// ends.
 pub struct Zlib<R> {
     reader: R,
     state: Decompress,
@@ -179,8 +180,8 @@ pub fn start(path: &Path, most: u64) -> Result<Vec<u8>> {
     Ok(start)
 }
 
-/// Path of a file that a header names, in the header's folder or below it. What a header names elsewhere is not read: a file
-/// from somebody else could make others of the machine part of a volume that is passed on.
+/// Path of a file that a header names, in the header's folder or below it. What a header names elsewhere is not read: a
+/// file from somebody else could make others of the machine part of a volume that is passed on.
 ///
 /// # Errors
 /// If the name is empty, or leads out of the folder.
@@ -198,8 +199,8 @@ pub fn beside(header: &Path, name: &str) -> Result<PathBuf> {
     })
 }
 
-/// Path of what a file's content names below a folder; none if the name leads out of it. An absolute path that begins with
-/// the folder stays in it.
+/// Path of what a file's content names below a folder; none if the name leads out of it. An absolute path that begins
+/// with the folder stays in it.
 pub fn below(folder: &Path, name: &str) -> Option<PathBuf> {
     // No file of the system has such a name.
     if name.contains('\0') {

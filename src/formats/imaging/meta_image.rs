@@ -1,7 +1,8 @@
 //! MetaImage of ITK: `.mha` with its values, and `.mhd` with values in other files.
 //!
-//! Its world is left, posterior, superior, as everywhere in ITK, and is brought to right, anterior, superior. `TransformMatrix`
-//! lists the directions of the axes one after the other; the file's `CenterOfRotation` plays no part in it.
+//! Its world is left, posterior, superior, as everywhere in ITK, and is brought to right, anterior, superior.
+//! `TransformMatrix` lists the directions of the axes one after the other; the file's `CenterOfRotation` plays no part
+//! in it.
 
 use super::image::{Header, Image, Slices, Values};
 use super::input::{self, Packing};

@@ -4,12 +4,12 @@
 //! format::sniff ──▶ format::open ──▶ image::Image ──▶ values ──▶ volume::build ──▶ a grid of OpenVDB
 //!                                    a file  ◀── write::write ◀── source::Source ◀──┘
 //! ```
-//! Each format is a module that gives [`image::Image`]s: a header and its slices in ascending order, so that a grid larger
-//! than memory can pass through.
+//! Each format is a module that gives [`image::Image`]s: a header and its slices in ascending order, so that a grid
+//! larger than memory can pass through.
 //!
-//! World coordinates are right-handed and Z-up. Medical files are brought to NIfTI's axes, right, anterior, superior (RAS):
-//! those of DICOM, ITK and NRRD's `left-posterior-superior` have x and y negated. Units are the file's, millimetres in most
-//! medical ones. The index coordinates of a voxel are those of its centre.
+//! World coordinates are right-handed and Z-up. Medical files are brought to NIfTI's axes, right, anterior, superior
+//! (RAS): those of DICOM, ITK and NRRD's `left-posterior-superior` have x and y negated. Units are the file's,
+//! millimetres in most medical ones. The index coordinates of a voxel are those of its centre.
 
 mod cvol;
 mod dicom;

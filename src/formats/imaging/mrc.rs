@@ -2,7 +2,8 @@
 //!
 //! Units are ångströms. The three file axes (columns, rows, sections) stay the index axes x, y and z of the image; what
 //! the header says of the axes of the cell that they run along (MAPC, MAPR, MAPS) goes into the map to the world. The
-//! voxel of index 0 lies at ORIGIN where that is not 0, else at the start that NXSTART, NYSTART and NZSTART count in voxels.
+//! voxel of index 0 lies at ORIGIN where that is not 0, else at the start that NXSTART, NYSTART and NZSTART count in
+//! voxels.
 //!
 //! Source: [MRC2014](https://www.ccpem.ac.uk/mrc_format/mrc2014.php), and the CCP4 map format it continues.
 
@@ -218,7 +219,8 @@ mod tests {
     use super::*;
     use std::io::Write;
 
-    /// A map of 4 x 3 x 2 whose values count from 0, of a mode and byte order, with the word `number` set as `change` says.
+    /// A map of 4 x 3 x 2 whose values count from 0, of a mode and byte order, with the word `number` set as `change`
+    /// says.
     fn map(mode: i32, big: bool, change: &[(usize, [u8; 4])]) -> Vec<u8> {
         let mut words = vec![[0_u8; 4]; HEADER / 4];
         let mut set = |at: usize, values: &[i32]| {

@@ -1,7 +1,7 @@
 //! NIfTI-1 and NIfTI-2 in either byte order: `.nii`, `.nii.gz`, and pairs of `.hdr` and `.img`, packed or not.
 //!
-//! Layout and meaning of the fields: `nifti1.h` and `nifti2.h` of the NIfTI data format working group. The sform is taken
-//! where there is one, else the qform, else the voxel sizes alone (methods 3, 2 and 1 of the standard).
+//! Layout and meaning of the fields: `nifti1.h` and `nifti2.h` of the NIfTI data format working group. The sform is
+//! taken where there is one, else the qform, else the voxel sizes alone (methods 3, 2 and 1 of the standard).
 
 use super::image::{Header, Image, Slices, Values};
 use super::input::{self, Packing};

@@ -1,7 +1,7 @@
 //! Volumes in NumPy's arrays: `.npy`, and each array of an `.npz`.
 //!
-//! `array[x, y, z]` or `array[z, y, x]`, with a last axis of three components for vectors. Arrays whose x axis is the fastest
-//! pass slice by slice; of others all bytes are held.
+//! `array[x, y, z]` or `array[z, y, x]`, with a last axis of three components for vectors. Arrays whose x axis is the
+//! fastest pass slice by slice; of others all bytes are held.
 
 use super::image::{Header, Image, Slices, Values};
 use super::input::{self, Packing};
@@ -92,11 +92,11 @@ fn image(
 ) -> Result<Image> {
     let layout = Layout::of(header, options.axes).ok_or_else(|| {
         Error::invalid(format!("an array of shape {:?} is no volume", header.shape))
-            .hint("[x, y, z] makes a grid of scalars, [x, y, z, 3] one of vectors; --axes zyx reads [z, y, x]")
+            .hint("[x, y, z] makes a grid of scalars, [x, y, z, 3] one of vectors; ⟨axes=zyx⟩ reads [z, y, x]")
     })?;
     let index_to_world = options.placement()?.ok_or_else(|| {
         Error::invalid("an array does not say how large its voxels are")
-            .hint("give --voxel-size, and --origin if voxel [0, 0, 0] is not at the world's origin")
+            .hint("give ⟨voxel_size⟩, and ⟨origin⟩ if voxel [0, 0, 0] is not at the world's origin")
     })?;
     let binary = Binary::new(reader, header.sample, header.endian);
     let slices: Box<dyn Slices> = if layout.is_in_order() {
@@ -132,8 +132,10 @@ impl Strided {
         if needed > limits.max_memory {
             let what =
                 format!("an array of shape {:?} takes {needed} bytes, {} are allowed", header.shape, limits.max_memory);
-            return Err(Error::unsupported(what)
-                .hint("raise --max-memory if the file is to be trusted; an array whose x axis is the fastest passes in slices"));
+            return Err(Error::unsupported(what).hint(
+                "raise ⟨max_memory⟩ if the file is to be trusted; an array whose x axis is the fastest passes in \
+                       slices",
+            ));
         }
         let Layout { size, components, strides } = *layout;
         let (sample, endian) = (header.sample, header.endian);

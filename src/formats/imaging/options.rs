@@ -8,7 +8,8 @@ use crate::math::Affine;
 use glam::{DMat4, DVec3};
 
 /// Order of the axes of an array, the slowest first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Axes {
     /// `array[x, y, z]`.
     #[default]
@@ -88,10 +89,10 @@ impl Options {
         let time = self.time.unwrap_or(0);
         if time >= count {
             return Err(Error::invalid(format!("there is no time {time}; the file has {count}"))
-                .hint(format!("give --time 0 to {}", count.saturating_sub(1))));
+                .hint(format!("give ⟨time=0⟩ to {}", count.saturating_sub(1))));
         }
         if count > 1 && self.time.is_none() {
-            notes.push(format!("the first of {count} points in time was read; --time N reads another"));
+            notes.push(format!("the first of {count} points in time was read; ⟨time=N⟩ reads another"));
         }
         Ok(time)
     }
@@ -106,7 +107,7 @@ impl Options {
         let names = if names.is_empty() { "none that can be read".to_owned() } else { listed(names) };
         match &self.array {
             Some(wanted) => Error::invalid(format!("no array '{}'; the file has {names}", shown(wanted)))
-                .hint("name one of these with --array"),
+                .hint("name one of these with ⟨array⟩"),
             None => Error::unsupported("the file holds no array of numbers with a voxel at each point")
                 .hint("write scalars or vectors of three with the volume where it was made"),
         }

@@ -16,8 +16,8 @@ pub fn swap_lps_ras(map: DMat4) -> DMat4 {
     rows.transpose()
 }
 
-/// Note that vectors of an image whose axes were brought to right, anterior, superior were not; none for scalars, and for
-/// integers, which are colors.
+/// Note that vectors of an image whose axes were brought to right, anterior, superior were not; none for scalars, and
+/// for integers, which are colors.
 pub fn unturned(values: Values, components: usize) -> Option<String> {
     let vectors = components == 3 && values == Values::Real;
     vectors.then(|| "the components of vectors stay as they are, along the axes of the file's space".into())

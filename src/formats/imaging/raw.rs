@@ -14,11 +14,11 @@ use std::path::Path;
 /// If the layout or the spacing is not stated, or the file has not exactly as many bytes as the layout says.
 pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     let layout = options.raw.ok_or_else(|| {
-        Error::invalid("a file without a header does not say what is in it").hint("give --dims X,Y,Z and --type")
+        Error::invalid("a file without a header does not say what is in it").hint("give ⟨dims=X,Y,Z⟩ and ⟨type⟩")
     })?;
     let index_to_world = options.placement()?.ok_or_else(|| {
         Error::invalid("a file without a header does not say how large its voxels are")
-            .hint("give --spacing X,Y,Z, and --origin if the first voxel is not at the world's origin")
+            .hint("give ⟨spacing=X,Y,Z⟩, and ⟨origin⟩ if the first voxel is not at the world's origin")
     })?;
     let expected = input::byte_count(layout.size, 1, layout.sample.bytes()).and_then(|n| n.checked_add(layout.skip));
     let length = formats::input::open(path)?.metadata().map_err(|e| Error::io(path, e))?.len();
@@ -30,7 +30,7 @@ pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
             layout.sample.name(),
             layout.skip
         ))
-        .hint("correct --dims, --type or --skip"));
+        .hint("correct ⟨dims⟩, ⟨type⟩ or ⟨skip⟩"));
     }
     let reader = input::values(path, layout.skip, Packing::Plain, 0)?;
     let values = if layout.sample.is_integer() { Values::Integer } else { Values::Real };

@@ -39,11 +39,11 @@ impl<'g> Source<'g> {
             "bool" | "mask" => Sample::U8,
             other => {
                 return Err(Error::unsupported(format!("the grid holds {other} values, which make no array"))
-                    .hint("name a grid of scalars or vectors with --grid; cumulo info lists them"));
+                    .hint("name a grid of scalars or vectors with ⟨grid⟩; cumulo info lists them"));
             }
         };
         let (low, high) = info.index_box.ok_or_else(|| {
-            Error::invalid("the grid has no active voxels, and so no box").hint("name another grid with --grid")
+            Error::invalid("the grid has no active voxels, and so no box").hint("name another grid with ⟨grid⟩")
         })?;
         let size: [u64; 3] = std::array::from_fn(|a| (i64::from(high[a]) - i64::from(low[a]) + 1) as u64);
         let [x, y, z] = size;
@@ -54,7 +54,7 @@ impl<'g> Source<'g> {
             let what =
                 format!("an array of {x} x {y} x {z} voxels needs {needed} bytes, {} are allowed", limits.max_memory);
             return Err(Error::unsupported(what).hint(
-                "raise --max-memory, or take a part or coarser voxels first: cumulo convert --crop, --resample",
+                "raise ⟨max_memory⟩, or take a part or coarser voxels first: ⟨convert.crop⟩, ⟨convert.resample⟩",
             ));
         }
         let shift = DVec3::from_array(low.map(f64::from));
@@ -70,7 +70,7 @@ impl<'g> Source<'g> {
         let count = self.size.iter().try_fold(self.components as u64, |p, n| p.checked_mul(*n as u64));
         count.filter(|n| *n < u64::MAX / 8).ok_or_else(|| {
             Error::unsupported(format!("{:?} voxels are too many for a file", self.size))
-                .hint("take a part first: cumulo convert --crop")
+                .hint("take a part first: ⟨convert.crop⟩")
         })
     }
 

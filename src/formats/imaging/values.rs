@@ -96,8 +96,8 @@ impl Mapping {
 const MOST_WHOLE: f64 = 9_007_199_254_740_992.0;
 
 impl Tally {
-    /// Counts the values that a grid of 32-bit floats cannot hold. Fractions that are rounded are not counted: that is what
-    /// such a grid is chosen for.
+    /// Counts the values that a grid of 32-bit floats cannot hold. Fractions that are rounded are not counted: that is
+    /// what such a grid is chosen for.
     pub fn count_singles(&mut self, values: &[f64]) {
         for value in values.iter().filter(|v| v.is_finite()) {
             let single = *value as f32;

@@ -7,11 +7,13 @@ use crate::formats::limits::Limits;
 use crate::formats::vdb::{DenseBox, NativeGrid, ValueKind};
 use crate::scene::grid::{GridClass, LEAF_DIM, LEAF_VOXELS};
 
-/// Bytes for the program itself: libraries, the heap, and the stacks of the threads that OpenVDB starts when a grid is freed.
+/// Bytes for the program itself: libraries, the heap, and the stacks of the threads that OpenVDB starts when a grid is
+/// freed.
 const PROGRAM: u64 = 48 << 20;
 
 /// Type of the grid that an image becomes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum GridType {
     /// 32-bit integers for images of integers that stay so, else 32-bit floats.
     #[default]
@@ -44,7 +46,7 @@ impl Settings<'_> {
         match self.grid_type {
             GridType::Double | GridType::Int if vectors => {
                 Err(Error::unsupported("the voxels are vectors, which become 32-bit floats")
-                    .hint("leave --as out, or give --as float"))
+                    .hint("leave ⟨as⟩ out, or give ⟨as=float⟩"))
             }
             _ if vectors => Ok(ValueKind::Vec3),
             GridType::Auto if header.values == Values::Integer && self.mapping.keeps_integers() => Ok(ValueKind::Int32),
@@ -54,21 +56,21 @@ impl Settings<'_> {
         }
     }
 
-    /// Largest number of leaves beside a slice of `slice` values and `held` bytes of the reader. A quarter of the memory is left for
-    /// packing when the grid is written.
+    /// Largest number of leaves beside a slice of `slice` values and `held` bytes of the reader. A quarter of the
+    /// memory is left for packing when the grid is written.
     fn most_leaves(&self, kind: ValueKind, slice: usize, held: u64) -> u64 {
         let grid = self.limits.max_memory.saturating_sub(PROGRAM).saturating_sub(held) / 4 * 3;
         grid.saturating_sub(8 * slice as u64) / kind.leaf_bytes()
     }
 }
 
-/// Builds a grid from an image. Its background is 0; voxels of other values are active. Slices are held one at a time, so that
-/// the memory is that of what is active. Floats of which none is negative are a fog volume. `progress` is told the number of
-/// slices that are done and of all. What the slices have shown joins the notes of the image.
+/// Builds a grid from an image. Its background is 0; voxels of other values are active. Slices are held one at a time,
+/// so that the memory is that of what is active. Floats of which none is negative are a fog volume. `progress` is told
+/// the number of slices that are done and of all. What the slices have shown joins the notes of the image.
 ///
 /// # Errors
-/// If the image cannot be read to its end, vectors are to be mapped, a value does not fit the grid's type, or the grid does not
-/// fit into the limits.
+/// If the image cannot be read to its end, vectors are to be mapped, a value does not fit the grid's type, or the grid
+/// does not fit into the limits.
 pub fn build(
     image: &mut Image,
     settings: &Settings<'_>,
@@ -80,7 +82,7 @@ pub fn build(
     let kind = settings.kind(header)?;
     if components == 3 && !mapping.is_identity() {
         return Err(Error::invalid(
-            "the voxels are vectors, and --scale, --offset, --map and --threshold are of scalars",
+            "the voxels are vectors, and ⟨scale⟩, ⟨offset⟩, ⟨map⟩ and ⟨threshold⟩ are of scalars",
         )
         .hint("leave these options out"));
     }
@@ -99,7 +101,7 @@ pub fn build(
         if leaves > most {
             return Err(limits
                 .exceeded(leaves.saturating_mul(kind.leaf_bytes()), most)
-                .instead("raise --max-memory, or make more of it background with --threshold or --map"));
+                .instead("raise ⟨max_memory⟩, or make more of it background with ⟨threshold⟩ or ⟨map⟩"));
         }
         progress(slice + 1, z);
     }
@@ -129,12 +131,12 @@ fn fits(values: &[f64]) -> Result<()> {
     match values.iter().find(|v| v.fract() != 0.0 || !(low..=high).contains(*v)) {
         None => Ok(()),
         Some(value) => Err(Error::unsupported(format!("the value {value} is no 32-bit integer"))
-            .hint("give --as float or --as double")),
+            .hint("give ⟨as=float⟩ or ⟨as=double⟩")),
     }
 }
 
-/// Takes a grid of scalars through a mapping. Voxels that become 0 are inactive; what is inactive becomes 0. Integers become
-/// floats unless they stay integers.
+/// Takes a grid of scalars through a mapping. Voxels that become 0 are inactive; what is inactive becomes 0. Integers
+/// become floats unless they stay integers.
 ///
 /// # Errors
 /// If the grid holds vectors or points, or does not fit into the limits together with its copy.
@@ -145,7 +147,7 @@ pub fn mapped(grid: &NativeGrid, to: GridType, mapping: &Mapping, limits: Limits
             "the grid holds {} values, and the mapping is of scalars",
             info.value_type
         ))
-        .hint("name grids of scalars with --grid; cumulo info lists them"));
+        .hint("name grids of scalars with ⟨grid⟩; cumulo info lists them"));
     }
     let integers = matches!(info.value_type.as_str(), "int32" | "bool") && mapping.keeps_integers();
     let kind = match to {

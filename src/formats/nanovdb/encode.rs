@@ -168,7 +168,7 @@ impl<V: Value> Nodes<'_, V> {
         let total = tree + texts::size(volume);
         if total as u64 > limits.max_memory {
             let what = format!("the grid's memory takes {total} bytes, {} are allowed", limits.max_memory);
-            return Err(Error::unsupported(what).hint("raise --max-memory, or crop or resample the grid first"));
+            return Err(Error::unsupported(what).hint("raise ⟨max_memory⟩, or crop or resample the grid first"));
         }
         let mut memory = Memory(vec![0; total]);
         let root = sizes[0];

@@ -85,7 +85,8 @@ impl File {
     /// Reads the directory of a file.
     ///
     /// # Errors
-    /// If the file cannot be read, is no NanoVDB file, has another ABI than 32, or its directory contradicts its length.
+    /// If the file cannot be read, is no NanoVDB file, has another ABI than 32, or its directory contradicts its
+    /// length.
     pub fn open(path: &Path, limits: Limits) -> Result<Self> {
         let _reading = Reading::begin(path);
         let source = input::open(path)?;
@@ -128,8 +129,8 @@ impl File {
     /// Reads a grid by its place in [`File::entries`].
     ///
     /// # Errors
-    /// If there is no such grid, its type is not read, its memory or what becomes of it does not fit into the limits, or
-    /// the file is damaged.
+    /// If there is no such grid, its type is not read, its memory or what becomes of it does not fit into the limits,
+    /// or the file is damaged.
     pub fn read(&mut self, index: usize) -> Result<Volume> {
         self.read_beside(index, 0)
     }
@@ -165,7 +166,7 @@ impl File {
         let needed = entry.bytes.saturating_add(packed);
         if needed > limits.max_memory {
             let what = format!("the grid needs {needed} bytes, {} are left", limits.max_memory);
-            return Err(Error::unsupported(what).hint("raise --max-memory if the file is to be trusted"));
+            return Err(Error::unsupported(what).hint("raise ⟨max_memory⟩ if the file is to be trusted"));
         }
         let stored = self.bytes(entry.position, entry.stored_bytes)?;
         let memory = unpack(stored, entry.codec, entry.bytes)?;

@@ -17,8 +17,8 @@ fn is_active(active: &[u64; 8], i: usize) -> bool {
 }
 
 impl Volume {
-    /// Makes a grid of OpenVDB of the same values. Integers keep their values where they are active and not 0; such grids
-    /// have background 0, so that others become floats.
+    /// Makes a grid of OpenVDB of the same values. Integers keep their values where they are active and not 0; such
+    /// grids have background 0, so that others become floats.
     ///
     /// # Errors
     /// If OpenVDB cannot hold the grid; see [`NativeGrid::from_grid`].
@@ -88,7 +88,8 @@ impl Volume {
         Ok(native)
     }
 
-    /// Copies a grid of OpenVDB: float, vec3s and int32 as they are, other scalars as floats and other vectors as vec3s.
+    /// Copies a grid of OpenVDB: float, vec3s and int32 as they are, other scalars as floats and other vectors as
+    /// vec3s.
     ///
     /// # Errors
     /// If the grid holds points or its transform is not affine, or it and its copy do not fit into the limits.
@@ -121,7 +122,7 @@ impl Volume {
             (_, of) => {
                 return Err(Error::unsupported(format!("grids of {of} are not written as NanoVDB"))
                     .part(format!("grid '{}'", info.name))
-                    .hint("name the other grids with --grid"));
+                    .hint("name the other grids with ⟨grid⟩"));
             }
         };
         Ok(Self { name: info.name, class: info.class, transform, kind, tree, texts: BTreeMap::new(), notes })

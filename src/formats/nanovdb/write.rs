@@ -78,7 +78,7 @@ fn metadata(volume: &Volume, encoded: &Encoded) -> Vec<u8> {
 /// limits.
 pub fn encode(volumes: &[Volume], limits: Limits) -> Result<Vec<Vec<u8>>> {
     let count = u16::try_from(volumes.len()).ok().filter(|n| *n > 0).ok_or_else(|| {
-        Error::invalid(format!("{} grids; a segment has 1 to 65535", volumes.len())).hint("choose some with --grid")
+        Error::invalid(format!("{} grids; a segment has 1 to 65535", volumes.len())).hint("choose some with ⟨grid⟩")
     })?;
     let mut head = b"NanoVDB0".to_vec();
     head.extend(VERSION.to_le_bytes());

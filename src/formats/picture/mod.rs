@@ -1,4 +1,5 @@
-//! Pictures of captures: OpenEXR, and PNG and JPEG with a stated color space. All become scene-linear and premultiplied.
+//! Pictures of captures: OpenEXR, and PNG and JPEG with a stated color space. All become scene-linear and
+//! premultiplied.
 
 mod jpeg;
 mod png;
@@ -16,8 +17,8 @@ use std::path::Path;
 const MAX_PIXELS: u64 = 1 << 27;
 /// Advice on integer pictures of an unknown transfer curve.
 const STATE: &str = "add \"color_space\": \"sRGB\" to the capture (or \"linear\", \"gamma 2.2\") if the pictures were \
-    encoded so, or give --color-space to `cumulo capture convert`; of photographs and videos `cumulo capture convert \
-    --photographs` finds model and background, too; scene-linear EXRs need no such key";
+    encoded so, or give ⟨capture.convert.color_space⟩; of photographs and videos ⟨capture.convert.photographs⟩ \
+    finds model and background, too; scene-linear EXRs need no such key";
 
 /// Format of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
@@ -137,7 +138,7 @@ pub fn read(path: &Path, options: &Options) -> Result<Picture> {
     let decoded = || {
         if let Some(layer) = options.layer {
             return Err(Error::invalid(format!("layer '{layer}' of a picture that has no layers"))
-                .hint("only OpenEXR pictures have layers: leave --layer out"));
+                .hint("only OpenEXR pictures have layers: leave ⟨layer⟩ out"));
         }
         decode(path, options)
     };
@@ -169,7 +170,7 @@ fn check_size([width, height]: [usize; 2], held: u64, limits: Limits) -> Result<
             "a picture of {width}x{height} takes {needed} bytes, {} are allowed",
             limits.max_memory
         ))
-        .hint("raise --max-memory if the file is to be trusted"));
+        .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
     }
     Ok(())
 }

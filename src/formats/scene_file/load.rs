@@ -93,7 +93,7 @@ pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<Lo
             let Some(number) = frame else {
                 return Err(named(
                     Error::invalid(format!("{} is a sequence, and no frame is chosen", entry.file.display()))
-                        .hint("choose frames with --frames, or for `cumulo plan` one with --frame"),
+                        .hint("choose frames with ⟨frames⟩, or for `cumulo plan` one with ⟨frame⟩"),
                 ));
             };
             vdb = pattern.path(number);
@@ -146,7 +146,7 @@ fn emitting(file: &File, name: &str, densities: &Grid) -> Result<Grid> {
         return Ok(emitting);
     }
     Err(Error::unsupported(format!("its lattice is not that of grid '{}'", densities.name))
-        .hint("resample one of them with `cumulo convert --resample`")
+        .hint("resample one of them with ⟨convert.resample⟩")
         .part(format!("grid '{name}'"))
         .at(file.path()))
 }

@@ -47,8 +47,8 @@ pub struct VolumeEntry {
     pub file: PathBuf,
     /// Grid of densities; `density`, else the only scalar one, unless stated.
     pub grid: Option<String>,
-    /// Matrix from the space of the VDB file to the world, row by row, for column vectors; without one that space is the
-    /// world. It moves velocities, too. The medium stays in terms of world lengths.
+    /// Matrix from the space of the VDB file to the world, row by row, for column vectors; without one that space is
+    /// the world. It moves velocities, too. The medium stays in terms of world lengths.
     pub transform: Option<[[f64; 4]; 4]>,
     /// Medium of the volume.
     #[serde(default)]
@@ -69,7 +69,8 @@ pub struct VelocityEntry {
 }
 
 impl SceneFile {
-    /// Returns the paths that the scene names, from its folder: volumes or their sequences, transfer functions and textures.
+    /// Returns the paths that the scene names, from its folder: volumes or their sequences, transfer functions and
+    /// textures.
     pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
         let volumes = self.volumes.iter().flat_map(|volume| [Some(&volume.file), volume.medium.transfer.as_ref()]);
         let textures = self.lights.iter().map(|light| match light {
@@ -242,8 +243,8 @@ pub enum LightEntry {
         /// Radiance from all directions, or factor of the texture.
         #[serde(default = "white")]
         radiance: [f32; 3],
-        /// Equirectangular EXR of the radiance, found from the folder of the scene: the top row is towards +Z, the middle
-        /// towards +X, and to the right it turns towards -Y.
+        /// Equirectangular EXR of the radiance, found from the folder of the scene: the top row is towards +Z, the
+        /// middle towards +X, and to the right it turns towards -Y.
         texture: Option<PathBuf>,
     },
 }

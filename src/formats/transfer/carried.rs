@@ -12,7 +12,7 @@ use std::path::Path;
 /// Metadata key of a grid's transfer function.
 pub const METADATA_KEY: &str = "cumulo_transfer";
 
-const ATTACH: &str = "cumulo convert IN.vdb OUT.vdb --tf FILE attaches one";
+const ATTACH: &str = "⟨convert.tf=FILE⟩ attaches one";
 
 /// Metadata value of a transfer function, to be stored under [`METADATA_KEY`].
 pub fn to_metadata(transfer: &Transfer) -> MetaValue {
@@ -24,16 +24,16 @@ pub fn to_metadata(transfer: &Transfer) -> MetaValue {
 /// # Errors
 /// If the entry exists, but is no transfer function that can be used.
 pub fn from_metadata(metadata: &BTreeMap<String, MetaValue>) -> Result<Option<Transfer>> {
-    let parsed = match metadata.get(METADATA_KEY) {
-        None => return Ok(None),
-        Some(MetaValue::Text(text)) => checked(text),
-        Some(other) => Err(Error::invalid(format!("{other:?} is no text"))
-            .hint("attach the function again with `cumulo convert IN.vdb OUT.vdb --tf FILE`")),
-    };
+    let parsed =
+        match metadata.get(METADATA_KEY) {
+            None => return Ok(None),
+            Some(MetaValue::Text(text)) => checked(text),
+            Some(other) => Err(Error::invalid(format!("{other:?} is no text"))
+                .hint("attach the function again with ⟨convert.tf=FILE⟩")),
+        };
     // The remedies of the document reader are replaced: nobody edits the metadata of a VDB by hand.
     parsed.map(Some).map_err(|e| {
-        e.inside(format!("metadata '{METADATA_KEY}'"))
-            .instead("cumulo convert IN.vdb OUT.vdb --tf FILE replaces it with another function")
+        e.inside(format!("metadata '{METADATA_KEY}'")).instead("⟨convert.tf=FILE⟩ replaces it with another function")
     })
 }
 

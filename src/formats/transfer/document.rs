@@ -126,7 +126,8 @@ pub(super) fn transfer(object: &Object) -> Result<Transfer> {
     })?;
     let transfer: Transfer = serde_json::from_str(raw.get()).map_err(|e| {
         Error::invalid(format!("'transfer' cannot be used: {e}")).hint(
-            "its 'kind' is texture (domain, texels), piecewise (points), gaussians (domain, lobes) or identity (domain, color)",
+            "its 'kind' is texture (domain, texels), piecewise (points), gaussians (domain, lobes) or identity \
+             (domain, color)",
         )
     })?;
     transfer.checked().map_err(|e| e.part("'transfer'").hint(ENTRIES))

@@ -91,8 +91,8 @@ pub struct Loaded {
     pub notes: Vec<String>,
 }
 
-/// Reads a transfer function: a file, whose kind is detected by its content, or where there is no file of that name, the
-/// one of [`builtins`] that the path names.
+/// Reads a transfer function: a file, whose kind is detected by its content, or where there is no file of that name,
+/// the one of [`builtins`] that the path names.
 ///
 /// # Errors
 /// If the file, a preset or a point cannot be used, or an option does not apply to this kind of file. The error names
@@ -122,8 +122,8 @@ pub fn file(path: &Path) -> Option<&Path> {
     (!name_of(path).is_some_and(is_builtin)).then_some(path)
 }
 
-/// Returns the word that a path consists of, if it may be a function's name: nothing is there, and it has neither folder
-/// nor extension.
+/// Returns the word that a path consists of, if it may be a function's name: nothing is there, and it has neither
+/// folder nor extension.
 fn name_of(path: &Path) -> Option<&str> {
     let name = path.to_str()?;
     let plain = !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || c == '-' || c == '_');
@@ -135,10 +135,10 @@ fn unnamed(path: &Path, name: &str) -> Error {
     let error = Error::io(path, std::io::ErrorKind::NotFound.into())
         .saying(format!("there is neither a file nor a transfer function '{name}'"));
     match &builtin::nearest(name)[..] {
-        [] => error.hint("`cumulo transfer --list` shows the names; check the spelling of a file's path"),
+        [] => error.hint("⟨transfer.list⟩ shows the names; check the spelling of a file's path"),
         near => {
             let near: Vec<String> = near.iter().map(|name| format!("'{name}'")).collect();
-            error.hint(format!("did you mean {}? `cumulo transfer --list` shows all names", near.join(" or ")))
+            error.hint(format!("did you mean {}? ⟨transfer.list⟩ shows all names", near.join(" or ")))
         }
     }
 }

@@ -376,7 +376,8 @@ mod tests {
     proptest! {
         #[test]
         fn sampled_colors_stay_close_to_the_curve(
-            from in prop::array::uniform3(0.0..=1.0_f64), to in prop::array::uniform3(0.0..=1.0_f64), space in 0..5_usize,
+            from in prop::array::uniform3(0.0..=1.0_f64), to in prop::array::uniform3(0.0..=1.0_f64),
+            space in 0..5_usize,
         ) {
             let space = [
                 Space::Rgb, Space::Hsv { wrap: false }, Space::Hsv { wrap: true }, Space::Lab, Space::Diverging,
@@ -403,7 +404,8 @@ mod tests {
             space in 0..6_usize, coarse in any::<bool>(),
         ) {
             let spaces = [
-                Space::Rgb, Space::Hsv { wrap: false }, Space::Hsv { wrap: true }, Space::Lab, Space::Diverging, Space::Step,
+                Space::Rgb, Space::Hsv { wrap: false }, Space::Hsv { wrap: true }, Space::Lab, Space::Diverging,
+                Space::Step,
             ];
             // Coarse densities coincide.
             let near = |mut k: [f64; 4]| { if coarse { k[0] = (3.0 * k[0]).floor(); } k };

@@ -140,7 +140,7 @@ fn each<'a>(element: &'a BytesStart, mut take: impl FnMut(&str, Cow<'a, str>) ->
 fn preset(map: Map) -> Result<Preset> {
     if map.categories {
         return Err(Error::unsupported("the preset is for categories ('indexedLookup'), not for a range of densities")
-            .hint("choose another preset: its name goes to --preset, or --tf-preset"));
+            .hint("choose another preset: its name goes to ⟨preset⟩, or ⟨tf_preset⟩"));
     }
     let space = Space::named(map.space.as_deref().unwrap_or("RGB"), false)?;
     // ParaView writes 1 for each point whatever the opacities are, which states nothing.

@@ -150,7 +150,10 @@ pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> 
         near: keys.number("near")?.unwrap_or(0.0),
     };
     let camera = rigid(camera).map_err(|e| {
-        e.hint("correct 'transform_matrix' (a rotation and a position), 'fl_x', 'fl_y', 'cx', 'cy' and 'near' of this view")
+        e.hint(
+            "correct 'transform_matrix' (a rotation and a position), 'fl_x', 'fl_y', 'cx', 'cy' and 'near' of this \
+                view",
+        )
     })?;
     let crop_radius = keys.number("fisheye_crop_radius")?.filter(|_| lens != Lens::Pinhole);
     Ok((Frame { camera, picture }, Optics { lens, crop_radius, mask: files::mask(own, folder)? }))

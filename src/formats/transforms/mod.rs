@@ -17,8 +17,8 @@
 //! Extensions at the top are `background` [r, g, b], `model` (`absorption`, `emission-absorption`, `pre-shaded`),
 //! `pixel_filter` (`point`, `box`), `density_scale`, `emission` [r, g, b], `emission_model` (`grey`, `linear`),
 //! `transfer` (a [transfer function](crate::scene::transfer::Transfer)), `lattice` (index to world, four rows),
-//! `color_space` (`sRGB`, `linear`, `gamma 2.2`) of integer pictures and `pictures` (`renders`, `photographs`). Other keys
-//! are ignored, those of well-known programs with a remark.
+//! `color_space` (`sRGB`, `linear`, `gamma 2.2`) of integer pictures and `pictures` (`renders`, `photographs`). Other
+//! keys are ignored, those of well-known programs with a remark.
 
 mod files;
 mod keys;

@@ -10,7 +10,8 @@ use std::path::Path;
 /// Largest number of frames whose faults are listed; further ones are counted.
 const LISTED: usize = 100;
 
-/// Problems of all frames that cannot be used as they are, not only of the first; none if the JSON cannot be read at all.
+/// Problems of all frames that cannot be used as they are, not only of the first; none if the JSON cannot be read at
+/// all.
 ///
 /// # Errors
 /// If the operating system reports an error.

@@ -7,8 +7,8 @@ const WITHOUT_EFFECT: [(&[&str], &str); 7] = [
     (&["depth_file_path", "depth_path"], "depth pictures are not used: cameras and colors tell the volume"),
     (
         &["aabb_scale", "scale", "offset"],
-        "another program's unit cube: cameras stay where 'transform_matrix' puts them, and the region is found from the \
-         pictures or given with --bounds",
+        "another program's unit cube: cameras stay where 'transform_matrix' puts them, and the region is found from \
+         the pictures or given with ⟨bounds⟩",
     ),
     (
         &["applied_transform", "applied_scale"],
@@ -17,7 +17,7 @@ const WITHOUT_EFFECT: [(&[&str], &str); 7] = [
     (&["ply_file_path"], "points are not used"),
     (
         &["train_filenames", "val_filenames", "test_filenames"],
-        "a split of the views: all of them are used; --held-out keeps some for tests",
+        "a split of the views: all of them are used; ⟨held_out⟩ keeps some for tests",
     ),
     (&["rotation", "sharpness"], "a note of the program that wrote the file"),
     (&["enable_depth_loading", "integer_depth_scale"], "about depth pictures, which are not used"),

@@ -10,6 +10,7 @@ use crate::formats::{Format, input, sniff};
 use openusd::ar;
 use openusd::pcp;
 use openusd::sdf;
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -32,7 +33,8 @@ impl<'m> Arcs<'m> {
         Self { root, met, inactive, unneeded: BTreeSet::new(), found: BTreeMap::new() }
     }
 
-    /// Returns the faults that errors of the composition stand for. Of several arcs to one layer or prim the first is named.
+    /// Returns the faults that errors of the composition stand for. Of several arcs to one layer or prim the first is
+    /// named.
     pub(super) fn faults(mut self, errors: &[pcp::Error], absent: &[Absent]) -> Vec<Fault> {
         errors.iter().for_each(|error| self.add(error));
         for Absent { site, arc, stated_by, layer, target } in absent {
@@ -112,7 +114,7 @@ impl<'m> Arcs<'m> {
         let known =
             self.met.faults.iter().find(|error| error.path().is_some_and(|at| canonical(at) == canonical(path)));
         if let Some(error) = known {
-            return fault(&format!("cannot be read: {}", cause(error)), remedy(error));
+            return fault(&format!("cannot be read: {}", cause(error)), &remedy(error));
         }
         let text = path.to_string_lossy();
         let (file, inner) = match ar::split_package_relative_path_outer(&text) {
@@ -122,7 +124,7 @@ impl<'m> Arcs<'m> {
         if let Err(error) = input::open(&file) {
             return match error.io_kind() {
                 Some(std::io::ErrorKind::NotFound) => fault(&"does not exist", GONE),
-                _ => fault(&format!("cannot be read: {}", cause(&error)), remedy(&error)),
+                _ => fault(&format!("cannot be read: {}", cause(&error)), &remedy(&error)),
             };
         }
         match inner.as_deref() {
@@ -159,7 +161,7 @@ fn other_kind(file: &Path, fault: &dyn Fn(&dyn Display, &str) -> Fault) -> Fault
             "name it as the filePath of an OpenVDBAsset; `cumulo usd author` writes a stage of a VDB",
         ),
         Ok(format) => fault(&format!("is {}, not a USD layer: {ENDINGS}", format.name()), EXPORT),
-        Err(error) => fault(&format!("cannot be read: {}", cause(&error)), remedy(&error)),
+        Err(error) => fault(&format!("cannot be read: {}", cause(&error)), &remedy(&error)),
     }
 }
 
@@ -182,11 +184,11 @@ fn reason(error: &pcp::Error) -> Option<&str> {
 
 /// Returns the message of an error with its place, without its file.
 fn cause(error: &Error) -> String {
-    error.place().map_or_else(|| error.what().to_owned(), |place| format!("{place}: {}", error.what()))
+    error.place().map_or_else(|| error.what().into_owned(), |place| format!("{place}: {}", error.what()))
 }
 
-fn remedy(error: &Error) -> &str {
-    error.remedy().unwrap_or(EXPORT)
+fn remedy(error: &Error) -> Cow<'_, str> {
+    error.remedy().unwrap_or(EXPORT.into())
 }
 
 /// Returns the canonical path of a file, or of a package with the path within it.

@@ -21,9 +21,9 @@ pub struct Attribute {
 }
 
 impl Attribute {
-    /// Returns the value at a time code, as OpenUSD does: floating-point numbers, vectors and matrices are linear between
-    /// samples, quaternions turn at a constant rate, everything else is held from one sample to the next. Before the
-    /// first sample its value holds, and after the last one the last.
+    /// Returns the value at a time code, as OpenUSD does: floating-point numbers, vectors and matrices are linear
+    /// between samples, quaternions turn at a constant rate, everything else is held from one sample to the next.
+    /// Before the first sample its value holds, and after the last one the last.
     pub fn at(&self, time: f64) -> Option<Value> {
         let Some((first, value)) = self.samples.first() else { return self.default.clone() };
         let next = self.samples.partition_point(|(at, _)| *at <= time);

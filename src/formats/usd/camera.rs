@@ -84,17 +84,17 @@ impl Stage {
         match (&found[..], name) {
             ([only], _) => Ok(*only),
             _ if all.is_empty() => Err(Error::invalid("the stage has no camera")
-                .hint("add a camera to the stage, or give cameras with --cameras or --views")),
+                .hint("add a camera to the stage, or give cameras with ⟨cameras⟩ or ⟨views⟩")),
             ([], Some(name)) => Err(Error::invalid(format!("no camera is '{name}'; the stage has {listed}"))
                 .hint("give the path of one of these")),
             _ => Err(Error::invalid(format!("several cameras could be meant: {listed}"))
-                .hint("choose one by its path with --camera")),
+                .hint("choose one by its path with ⟨camera⟩")),
         }
         .map_err(|e| e.at(&self.path))
     }
 
-    /// Returns the size of the pictures that a camera takes: the one that Cumulo wrote with it, else `width` pixels by as
-    /// many as the apertures' proportions give.
+    /// Returns the size of the pictures that a camera takes: the one that Cumulo wrote with it, else `width` pixels by
+    /// as many as the apertures' proportions give.
     ///
     /// # Errors
     /// If the camera's apertures cannot be used.
@@ -113,8 +113,8 @@ impl Stage {
     /// Returns a camera at a time code with pictures of `size`, width and height in pixels.
     ///
     /// # Errors
-    /// If its projection is unknown, a number cannot be used, or its axes are sheared; the error names the stage and the
-    /// camera.
+    /// If its projection is unknown, a number cannot be used, or its axes are sheared; the error names the stage and
+    /// the camera.
     pub fn view(&self, camera: &Prim, time: f64, size: [u32; 2]) -> Result<Camera> {
         let blame = |e: Error| self.blame(e, camera);
         let Film { projection, focal_length, aperture, offset, near } = film(camera, time).map_err(blame)?;
@@ -139,9 +139,9 @@ impl Stage {
             height: size[1],
             near: near.max(0.0),
         };
-        let advised = |e: Error| match e.remedy() {
-            Some(_) => e,
-            None => e.hint("correct the camera's attributes, and scales of prims above it that shear its axes"),
+        let advised = |e: Error| match e.remedy().is_some() {
+            true => e,
+            false => e.hint("correct the camera's attributes, and scales of prims above it that shear its axes"),
         };
         view.checked().map_err(|e| blame(advised(e)))
     }

@@ -1,7 +1,7 @@
 //! Cameras of stages as captures: a view for each frame of a camera.
 //!
-//! A stage does not say where pictures lie. Those of `shot.usda` are taken to be `shot.0001.exr` and so on beside it, by
-//! their time codes, and `shot.exr` of a camera at rest.
+//! A stage does not say where pictures lie. Those of `shot.usda` are taken to be `shot.0001.exr` and so on beside it,
+//! by their time codes, and `shot.exr` of a camera at rest.
 
 use super::prim::Prim;
 use super::stage::Stage;
@@ -19,10 +19,11 @@ const WIDTH: u32 = 256;
 pub struct Views<'v> {
     /// Path or name of the camera; `None` for the only one.
     pub camera: Option<&'v str>,
-    /// Width and height of the pictures in pixels; `None` for the size of the pictures that lie beside the stage, else for
-    /// [`Stage::picture_size`].
+    /// Width and height of the pictures in pixels; `None` for the size of the pictures that lie beside the stage, else
+    /// for [`Stage::picture_size`].
     pub size: Option<[u32; 2]>,
-    /// Numbers of the frames, which are time codes; `None` for all of a camera that moves, and the first of one at rest.
+    /// Numbers of the frames, which are time codes; `None` for all of a camera that moves, and the first of one at
+    /// rest.
     pub frames: Option<Vec<u32>>,
 }
 
@@ -30,8 +31,8 @@ impl Stage {
     /// Returns the views of a camera.
     ///
     /// # Errors
-    /// If the stage lacks a layer that it names, no camera, or more than one, is meant, or the camera cannot be used; the
-    /// error names the stage and the camera.
+    /// If the stage lacks a layer that it names, no camera, or more than one, is meant, or the camera cannot be used;
+    /// the error names the stage and the camera.
     pub fn capture(&self, views: &Views<'_>) -> Result<Capture> {
         self.whole()?;
         let camera = self.camera(views.camera)?;
@@ -81,7 +82,7 @@ impl Stage {
         if first < 0.0 || last > f64::from(u32::MAX) || last - first >= MOST_FRAMES as f64 {
             return Err(Error::unsupported(format!("time codes from {first} to {last} cannot all be frames"))
                 .at(&self.path)
-                .hint(format!("frames are numbers from 0 on, {MOST_FRAMES} at most: choose some with --frames")));
+                .hint(format!("frames are numbers from 0 on, {MOST_FRAMES} at most: choose some with ⟨frames⟩")));
         }
         Ok((first as u32..=last as u32).collect())
     }

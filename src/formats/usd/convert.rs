@@ -104,8 +104,8 @@ fn list(array: sdf::Value, layer: &Path) -> Value {
     }
 }
 
-/// Returns a value as its attribute's type has it: text has whole numbers where numbers are meant, and the paths of files
-/// among time samples reach the parser as strings.
+/// Returns a value as its attribute's type has it: text has whole numbers where numbers are meant, and the paths of
+/// files among time samples reach the parser as strings.
 pub(super) fn typed(value: Value, type_name: &str, layer: &Path) -> Value {
     let base = type_name.strip_suffix("[]").unwrap_or(type_name);
     match value {

@@ -36,8 +36,8 @@ const GEOMETRY: [&str; 10] = [
     "SkelAnimation",
 ];
 
-/// Sites after which the composition is let go of. It takes some kilobytes a site, and is made anew where prims above those
-/// to come are needed again.
+/// Sites after which the composition is let go of. It takes some kilobytes a site, and is made anew where prims above
+/// those to come are needed again.
 const KEPT_SITES: usize = 16_384;
 
 /// Copies a composed stage.
@@ -150,11 +150,14 @@ impl Copier {
                 (work, kept) = (work + sites * sites, kept + sites);
                 if work > MOST_WORK {
                     return Err(Error::unsupported(format!(
-                        "references that lead to further references multiply its prims, of which {} were composed so far",
+                        "references that lead to further references multiply its prims, of which {} were composed so \
+                         far",
                         prims.len()
                     ))
                     .part(format!("prim {path}"))
-                    .hint("reference each prim once, or give a stage of the volume with its cameras and lights alone"));
+                    .hint(
+                        "reference each prim once, or give a stage of the volume with its cameras and lights alone",
+                    ));
                 }
                 prims.push(self.prim(&path, instanced).map_err(inside)?);
                 if kept > KEPT_SITES {
@@ -183,7 +186,8 @@ impl Copier {
         Ok(prim.map_or_else(|| path.clone(), |prim| prim.path().clone()))
     }
 
-    /// Returns the number of sites that a prim is composed of, and keeps what its arcs lack. Those of prims in instances are the prototype's.
+    /// Returns the number of sites that a prim is composed of, and keeps what its arcs lack. Those of prims in
+    /// instances are the prototype's.
     fn sites(&self, path: &sdf::Path, instanced: bool) -> anyhow::Result<usize> {
         if instanced {
             return Ok(1);

@@ -28,7 +28,8 @@ pub struct GridField {
 }
 
 impl GridField {
-    /// True if a grid's name in its file is `name`: grids of one name are told apart by their places, such as `density[1]`.
+    /// True if a grid's name in its file is `name`: grids of one name are told apart by their places, such as
+    /// `density[1]`.
     pub fn is_called(&self, name: &str) -> bool {
         (self.index == 0 && self.name == name)
             || name.strip_prefix(&self.name).is_some_and(|number| number == format!("[{}]", self.index))

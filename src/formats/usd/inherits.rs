@@ -1,8 +1,8 @@
 //! Classes that prims inherit or specialize, followed before the crate `openusd` follows them.
 //!
 //! The crate composes what a prim inherits, and what that inherits in turn, by calls within calls that neither end in a
-//! circle nor remember where they have been. They take paths of every arc above a prim for possible places of a class, so
-//! that circles arise in stages that have none: where `</World/m>` inherits `</World/class>` and references
+//! circle nor remember where they have been. They take paths of every arc above a prim for possible places of a class,
+//! so that circles arise in stages that have none: where `</World/m>` inherits `</World/class>` and references
 //! `@file@</World>`, the class is sought at `</World/m/class>` as well, which is a child of the prim that inherits it.
 
 use crate::error::{Error, Result};
@@ -16,15 +16,16 @@ const MOST_DEPTH: usize = 200;
 /// Largest number of classes that the crate composes for a prim, those that it meets again counted again.
 const MOST_CALLS: usize = 100_000;
 /// Advice where the crate cannot follow what a stage inherits.
-const FLATTEN: &str = "let the prim inherit a class that lies outside it, at the stage's root for instance, or flatten the stage with a \
-                       tool for USD";
+const FLATTEN: &str = "let the prim inherit a class that lies outside it, at the stage's root for instance, or flatten \
+                       the stage with a tool for USD";
 
 /// Classes of a stage's prims that were followed so far.
 #[derive(Default)]
 pub(super) struct Inherits {
     /// Calls by the path of a prim that was followed to its end; `None` while it is followed.
     calls: HashMap<sdf::Path, Option<usize>>,
-    /// Classes that lie deep beneath a prim that was followed when they were met, by which they are followed afterwards.
+    /// Classes that lie deep beneath a prim that was followed when they were met, by which they are followed
+    /// afterwards.
     deep: BTreeMap<sdf::Path, bool>,
 }
 
@@ -58,8 +59,8 @@ impl Inherits {
         self.calls.insert(path.clone(), None);
         let mut calls = 1_usize;
         for class in classes(stage, &parent, path) {
-            // The crate leaves for later what lies beneath a prim that it composes. A child of that prim takes what the prim
-            // inherits for its own, and so leads back.
+            // The crate leaves for later what lies beneath a prim that it composes. A child of that prim takes what the
+            // prim inherits for its own, and so leads back.
             let open = |path: &sdf::Path| matches!(self.calls.get(path), Some(None));
             let above = class.strict_ancestors().position(|above| open(&above));
             match above {

@@ -1,14 +1,15 @@
 //! Lights of stages, after UsdLux.
 //!
-//! The radiance that leaves a light is `L = color · intensity · 2^exposure`, times the color of its temperature if that is
-//! enabled, and divided by the light's size if it is normalized: `4 π r²` for spheres, `width · height` for rectangles,
-//! `π sin²(angle / 2)` for distant lights, all in the units of the stage. From it follow
+//! The radiance that leaves a light is `L = color · intensity · 2^exposure`, times the color of its temperature if that
+//! is enabled, and divided by the light's size if it is normalized: `4 π r²` for spheres, `width · height` for
+//! rectangles, `π sin²(angle / 2)` for distant lights, all in the units of the stage. From it follow
 //!
 //! - the irradiance `E = L π sin²(angle / 2)` of distant lights, and `E = L` where the angle is 0,
 //! - the radiant intensity `I = L π r²` of spheres that are treated as points.
 //!
-//! Blender writes and reads suns in its own way: `L` is a quarter of a sun's strength, normalized, and the angle is half
-//! of the sun's. Its color temperature is enabled though none is meant. Lights that Blender wrote are read as it does.
+//! Blender writes and reads suns in its own way: `L` is a quarter of a sun's strength, normalized, and the angle is
+//! half of the sun's. Its color temperature is enabled though none is meant. Lights that Blender wrote are read as it
+//! does.
 
 use super::metadata::UpAxis;
 use super::prim::Prim;

@@ -1,8 +1,9 @@
 //! Media of volumes: Cumulo's own attributes, or shaders that are understood.
 //!
 //! Attributes in the namespace `cumulo` of a volume's prim state its medium: `densityScale`, `albedo`, `anisotropy`,
-//! `extinctionColor`, `emission` and `transfer` are those of scene files. `emissionRadiance` makes the flame field emit,
-//! `blackbodyKelvin`, `blackbodyIntensity` and `blackbodyTint` the temperature field. Lengths are in units of the stage.
+//! `extinctionColor`, `emission` and `transfer` are those of scene files. `emissionRadiance` makes the flame field
+//! emit, `blackbodyKelvin`, `blackbodyIntensity` and `blackbodyTint` the temperature field. Lengths are in units of the
+//! stage.
 
 use super::prim::Prim;
 use super::stage::Stage;
@@ -111,7 +112,7 @@ fn stated(stage: &Stage, volume: &Prim, time: f64, told: bool) -> Result<StatedM
     }
     let none = told.then_some(
         "no medium is stated that is understood: the density is the extinction per unit of the stage, and nothing is \
-         scattered; --density-scale, --albedo and the like state another",
+         scattered; ⟨density_scale⟩, ⟨albedo⟩ and the like state another",
     );
     remarks.extend(none.map(str::to_owned));
     Ok(StatedMedium { entry: MediumEntry::default(), transfer: None, remarks })
@@ -183,7 +184,8 @@ fn own_value<T>(
     })
 }
 
-/// Returns the shaders of the material that is bound to a prim or to one above it, at the material's outputs for volumes.
+/// Returns the shaders of the material that is bound to a prim or to one above it, at the material's outputs for
+/// volumes.
 fn shaders<'s>(stage: &'s Stage, volume: &'s Prim) -> Vec<&'s Prim> {
     // What is bound for full renders anywhere above goes before what is bound for all purposes, as in UsdShade.
     let bound = ["material:binding:full", "material:binding", "material:binding:preview"];

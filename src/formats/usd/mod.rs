@@ -1,8 +1,8 @@
 //! Stages of Universal Scene Description (USD): `.usda`, `.usdc`, `.usd` and `.usdz`.
 //!
 //! The crate `openusd` parses layers and composes sublayers, references, payloads, inherits and variants;
-//! [`Stage`] holds what they compose to. World space is the stage's: its units and axes as authored. Cameras, lights and
-//! volumes come from the same stage, so that nothing is turned or scaled.
+//! [`Stage`] holds what they compose to. World space is the stage's: its units and axes as authored. Cameras, lights
+//! and volumes come from the same stage, so that nothing is turned or scaled.
 //!
 //! ```no_run
 //! # fn main() -> cumulo::error::Result<()> {

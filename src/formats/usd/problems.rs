@@ -10,8 +10,8 @@ use crate::formats::vdb::File;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Problems of a stage: faults of its composition, transforms that cannot be used, and files of its volumes and lights that
-/// are missing or no volumes. Empty if there are none.
+/// Problems of a stage: faults of its composition, transforms that cannot be used, and files of its volumes and lights
+/// that are missing or no volumes. Empty if there are none.
 ///
 /// # Errors
 /// If the operating system does not let the stage be read. A stage that cannot be opened is a problem.

@@ -58,7 +58,7 @@ impl Bounded {
                     "the stage's layers have more than {} bytes together",
                     self.most
                 ))
-                .hint("raise --max-memory, of which layers may take a quarter, if the stage is to be trusted"));
+                .hint("raise ⟨max_memory⟩, of which layers may take a quarter, if the stage is to be trusted"));
             }
             None => input::bytes(place, left, "a layer of a stage")?,
         };
@@ -107,7 +107,7 @@ pub(super) fn entry(package: &Path, inner: &str, most: u64) -> Result<Vec<u8>> {
     read.map_err(|e| Error::invalid(format!("it cannot be read: {e}")).hint(AGAIN))?;
     if bytes.len() as u64 > most {
         return Err(Error::unsupported(format!("the file has more than {most} bytes"))
-            .hint("raise --max-memory if the file is to be trusted"));
+            .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
     }
     Ok(bytes)
 }

@@ -25,8 +25,8 @@ use std::path::{Path, PathBuf};
 /// What the stage states and pictures do not show is told by the scene's remarks.
 ///
 /// # Errors
-/// If the stage lacks a layer that it names or has no volume that is visible, or a file, a light or a transform cannot be
-/// used. The error names the file and the prim.
+/// If the stage lacks a layer that it names or has no volume that is visible, or a file, a light or a transform cannot
+/// be used. The error names the file and the prim.
 pub fn load(stage: &Stage, time: f64, limits: Limits, overrides: &Overrides) -> Result<LoadedScene> {
     stage.whole()?;
     let mut scene = LoadedScene { files: stage.layers.clone(), ..LoadedScene::default() };
@@ -62,8 +62,8 @@ fn blender(stage: &Stage) -> Option<String> {
     let documentation = stage.metadata.documentation.as_deref().filter(|doc| doc.starts_with("Blender v"))?;
     let sun = stage.of_type("DistantLight").next()?;
     Some(format!(
-        "light {} and other suns are read as Blender writes them ({documentation}): a quarter of the strength, half of the \
-         angle",
+        "light {} and other suns are read as Blender writes them ({documentation}): a quarter of the strength, half of \
+         the angle",
         sun.path
     ))
 }
@@ -195,14 +195,14 @@ impl Reader<'_> {
         let Some(asset) = &field.file else {
             return Err(place(
                 Error::invalid(format!("no file is stated for time code {}", self.time))
-                    .hint("set the attribute 'filePath', or choose another frame with --frames"),
+                    .hint("set the attribute 'filePath', or choose another frame with ⟨frames⟩"),
             ));
         };
         let path = self.stage.file(asset)?;
         if !path.exists() {
             return Err(place(
                 Error::invalid(format!("the file of time code {} is missing: {}", self.time, path.display()))
-                    .hint("correct 'filePath', copy the file there, or choose another frame with --frames"),
+                    .hint("correct 'filePath', copy the file there, or choose another frame with ⟨frames⟩"),
             ));
         }
         record(asset, scene);
@@ -243,7 +243,7 @@ impl Reader<'_> {
                     place(&mut grid, map).map_err(blame)?;
                     if !grid.transform.is_close(&density.transform) {
                         return Err(Error::unsupported("its lattice is not that of the density")
-                            .hint("resample one of them with `cumulo convert --resample`")
+                            .hint("resample one of them with ⟨convert.resample⟩")
                             .part(format!("grid '{}'", grid.name))
                             .at(path));
                     }

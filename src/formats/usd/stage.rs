@@ -27,8 +27,8 @@ pub struct Stage {
     pub metadata: StageMetadata,
     /// Files of all layers that were read, packages among them.
     pub layers: Vec<PathBuf>,
-    /// Faults of the composition: layers that are missing or cannot be read, targets that are missing, cycles. What depends
-    /// on them is missing from the stage; [`Stage::whole`] refuses it then.
+    /// Faults of the composition: layers that are missing or cannot be read, targets that are missing, cycles. What
+    /// depends on them is missing from the stage; [`Stage::whole`] refuses it then.
     pub faults: Vec<Fault>,
     prims: Vec<Prim>,
     /// Places of the prims by their paths.
@@ -42,8 +42,8 @@ impl Stage {
     /// Opens a stage with all that it references: `.usda`, `.usdc`, `.usd` or `.usdz`. Payloads are loaded.
     ///
     /// # Errors
-    /// If the root layer cannot be read or parsed, or the stage has no prim at all, more than a million, or references that
-    /// multiply them. The error names the file, and the line or the prim where it is known.
+    /// If the root layer cannot be read or parsed, or the stage has no prim at all, more than a million, or references
+    /// that multiply them. The error names the file, and the line or the prim where it is known.
     pub fn open(path: &Path, limits: Limits) -> Result<Self> {
         let format = sniff(path)?;
         if !matches!(format, Format::Usd | Format::Unknown) {
@@ -68,7 +68,8 @@ impl Stage {
     /// Refuses a stage that lacks layers or prims which it names: what is made of it would lack what they hold.
     ///
     /// # Errors
-    /// If there are such faults. The error names the stage and the layer and prim of the first, and tells how many there are.
+    /// If there are such faults. The error names the stage and the layer and prim of the first, and tells how many
+    /// there are.
     pub fn whole(&self) -> Result<()> {
         let mut missing = self.faults.iter().filter(|fault| fault.incomplete);
         let Some(first) = missing.next() else { return Ok(()) };
@@ -163,7 +164,8 @@ impl Stage {
     }
 
     /// True if a prim and all above it are visible at a time code and meant for rendering: their purpose is neither
-    /// `guide` nor `proxy`. What lies beneath a `PointInstancer` is not rendered, since it is there for its instances alone.
+    /// `guide` nor `proxy`. What lies beneath a `PointInstancer` is not rendered, since it is there for its instances
+    /// alone.
     pub fn is_rendered(&self, prim: &Prim, time: f64) -> bool {
         // The purpose stated nearest to the prim counts, `default` as well.
         let purpose = self.upwards(prim).filter(|p| p.is_typed()).find_map(|prim| prim.text("purpose", time));
@@ -171,7 +173,8 @@ impl Stage {
         meant && self.is_visible(prim, time) && !self.is_prototype(prim)
     }
 
-    /// True if neither a prim nor one above it is made invisible at a time code. Prims without a type have no visibility.
+    /// True if neither a prim nor one above it is made invisible at a time code. Prims without a type have no
+    /// visibility.
     pub fn is_visible(&self, prim: &Prim, time: f64) -> bool {
         let hides = |prim: &Prim| prim.is_typed() && prim.text("visibility", time).is_some_and(|v| v == "invisible");
         !self.upwards(prim).any(hides)
@@ -182,8 +185,8 @@ impl Stage {
         self.upwards(prim).skip(1).any(|prim| prim.type_name == "PointInstancer")
     }
 
-    /// Returns the path of an asset's file. Files in packages are written to a temporary folder first, which lives as long
-    /// as the stage.
+    /// Returns the path of an asset's file. Files in packages are written to a temporary folder first, which lives as
+    /// long as the stage.
     ///
     /// # Errors
     /// If the path is empty, or a file in a package cannot be read. A file that does not exist is no error.
@@ -224,8 +227,8 @@ impl Stage {
         self.absence(asset).is_none()
     }
 
-    /// Says why the file of an asset is not there to be read, as in "does not exist" or "cannot be read: this is a folder";
-    /// `None` if it can be opened.
+    /// Says why the file of an asset is not there to be read, as in "does not exist" or "cannot be read: this is a
+    /// folder"; `None` if it can be opened.
     pub fn absence(&self, asset: &Asset) -> Option<String> {
         let refused = |e: Error| match e.io_kind() {
             Some(std::io::ErrorKind::NotFound) => "does not exist".to_owned(),
@@ -240,8 +243,8 @@ impl Stage {
         }
     }
 
-    /// Returns the files that pictures need beside those of fields, textures of domes and transfer functions, each with the
-    /// prim and the attribute that name it.
+    /// Returns the files that pictures need beside those of fields, textures of domes and transfer functions, each with
+    /// the prim and the attribute that name it.
     pub fn other_files(&self) -> impl Iterator<Item = (&Prim, &'static str, &Asset)> {
         let named = self.prims.iter().filter_map(|prim| match prim.type_name.as_str() {
             "DomeLight" | "DomeLight_1" => Some((prim, "inputs:texture:file")),

@@ -47,7 +47,8 @@ pub(super) fn absent(stage: &usd::Stage, path: &sdf::Path, index: &PrimIndex) ->
     found
 }
 
-/// True if a layer states the prim of a node, or arcs of that prim or of those above it lead to one that a layer states.
+/// True if a layer states the prim of a node, or arcs of that prim or of those above it lead to one that a layer
+/// states.
 fn is_made(index: &PrimIndex, node: &Node) -> bool {
     node.has_specs() || node.children().iter().any(|child| is_made(index, index.node(*child)))
 }

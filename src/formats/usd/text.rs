@@ -1,8 +1,8 @@
 //! A pass over the text of a `.usda` layer before the parser reads it.
 //!
-//! The parser of the crate `openusd` refuses time samples of type `asset`, which Blender writes for sequences of volumes,
-//! leaves escapes in strings as they are, and knows no numbers such as `.5` or `5.`. It also recurses as deep as its input
-//! is nested. This pass rewrites the former and bounds the latter.
+//! The parser of the crate `openusd` refuses time samples of type `asset`, which Blender writes for sequences of
+//! volumes, leaves escapes in strings as they are, and knows no numbers such as `.5` or `5.`. It also recurses as deep
+//! as its input is nested. This pass rewrites the former and bounds the latter.
 
 use crate::error::{Error, Result};
 
@@ -232,7 +232,8 @@ fn unescaped(content: &str) -> String {
     out
 }
 
-/// Returns the character whose code `most` further digits to a base state at the most, after digits of the value `code`.
+/// Returns the character whose code `most` further digits to a base state at the most, after digits of the value
+/// `code`.
 fn code(characters: &mut std::str::Chars<'_>, mut code: u32, base: u32, most: usize) -> char {
     for _ in 0..most {
         let Some(digit) = characters.clone().next().and_then(|c| c.to_digit(base)) else { break };

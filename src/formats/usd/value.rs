@@ -25,8 +25,8 @@ pub enum Value {
     List(Vec<Value>),
     /// A dictionary.
     Dictionary(BTreeMap<String, Value>),
-    /// A value that is not read, by the name of its kind: an array of more than [`MOST_ELEMENTS`] elements, or a kind that
-    /// no attribute has.
+    /// A value that is not read, by the name of its kind: an array of more than [`MOST_ELEMENTS`] elements, or a kind
+    /// that no attribute has.
     Other(&'static str),
 }
 
@@ -38,8 +38,8 @@ pub const MOST_ELEMENTS: usize = 4096;
 pub struct Asset {
     /// Path as the layer states it, such as `./smoke.0001.vdb`.
     pub authored: String,
-    /// Path from the folder of the layer that states it, absolute; `PACKAGE.usdz[PATH]` within a package. Empty where the
-    /// stated path is empty or is a variable expression.
+    /// Path from the folder of the layer that states it, absolute; `PACKAGE.usdz[PATH]` within a package. Empty where
+    /// the stated path is empty or is a variable expression.
     pub path: PathBuf,
 }
 

@@ -80,8 +80,8 @@ impl Stage {
         self.of_type("Volume")
     }
 
-    /// Returns the fields of a volume at a time code, by the names of their relationships. A volume with one field alone has
-    /// it for its density, whatever its name. A relationship with several targets is no field, as in UsdVol.
+    /// Returns the fields of a volume at a time code, by the names of their relationships. A volume with one field
+    /// alone has it for its density, whatever its name. A relationship with several targets is no field, as in UsdVol.
     pub fn fields(&self, volume: &Prim, time: f64) -> Vec<Field> {
         let targets = volume.relationships.iter().filter_map(|(name, targets)| match &targets[..] {
             [target] => Some((name.strip_prefix("field:")?, target.as_str())),

@@ -1,4 +1,5 @@
-//! A bounds-checked reader of a file, or of a part of it in memory: nothing is read, skipped or allocated beyond its end.
+//! A bounds-checked reader of a file, or of a part of it in memory: nothing is read, skipped or allocated beyond its
+//! end.
 
 use crate::error::{Error, Result};
 use crate::formats::input;

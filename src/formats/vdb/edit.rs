@@ -1,5 +1,5 @@
-//! Edits that make another grid: averages on a coarser lattice, fog volumes of level sets and back, vectors turned, taken
-//! apart and put together.
+//! Edits that make another grid: averages on a coarser lattice, fog volumes of level sets and back, vectors turned,
+//! taken apart and put together.
 
 use super::ffi;
 use super::native::NativeGrid;
@@ -13,7 +13,7 @@ use std::ptr::null_mut;
 pub const HALF_WIDTH: f32 = 3.0;
 
 /// How the values of a new lattice follow from those of the old one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ResampleFilter {
     /// Means over the new voxels' cells: the sum of value times volume stays what it was.
@@ -41,8 +41,8 @@ impl NativeGrid {
         Ok(self.info()?.affine()?.voxel_size().max_element() <= voxel_size * (1.0 + 1e-9))
     }
 
-    /// Resamples to the lattice of [`NativeGrid::resample`] by a box filter: a new voxel is the mean of the old lattice's
-    /// cells over its cell, so that the sum of value times volume is kept.
+    /// Resamples to the lattice of [`NativeGrid::resample`] by a box filter: a new voxel is the mean of the old
+    /// lattice's cells over its cell, so that the sum of value times volume is kept.
     ///
     /// # Errors
     /// If the grid cannot be averaged, its transform is not affine, or
@@ -107,23 +107,23 @@ impl NativeGrid {
     /// Makes a level set of the surface on which a fog volume has the value `iso`: distances in world units up to
     /// [`HALF_WIDTH`] voxels from the surface, negative where the density is `iso` or more. The surface is that of
     /// OpenVDB's `volumeToMesh`, distances are those to its quads, and the densities themselves tell the sides, so that
-    /// cavities stay cavities. Beyond two voxels from the surface OpenVDB seeks the nearest quad among those of neighbouring
-    /// voxels, and distances may be too large by half a voxel.
+    /// cavities stay cavities. Beyond two voxels from the surface OpenVDB seeks the nearest quad among those of
+    /// neighbouring voxels, and distances may be too large by half a voxel.
     ///
     /// # Errors
-    /// If the grid holds neither floats nor doubles, its voxels are no cubes, the values outside are not below `iso`, or
-    /// none inside is at least that.
+    /// If the grid holds neither floats nor doubles, its voxels are no cubes, the values outside are not below `iso`,
+    /// or none inside is at least that.
     pub fn to_level_set(&mut self, iso: f64) -> Result<()> {
         let info = self.info()?;
         let voxel = cubic(&info.affine()?).ok_or_else(|| {
             Error::unsupported("level sets need voxels that are cubes")
-                .hint("resample the grid to cubes first: --resample with an edge length")
+                .hint("resample the grid to cubes first: ⟨resample⟩ with an edge length")
         });
         let voxel = voxel.map_err(self.named())?;
         if info.background.first().is_none_or(|background| *background >= iso || iso.is_nan()) {
             return Err(self.named()(
-                Error::invalid(format!("the value outside is {:?}, which is not below --iso {iso}", info.background))
-                    .hint("give an --iso above the value outside: the surface must enclose something"),
+                Error::invalid(format!("the value outside is {:?}, which is not below ⟨iso={iso}⟩", info.background))
+                    .hint("give an ⟨iso⟩ above the value outside: the surface must enclose something"),
             ));
         }
         // SAFETY: the grid is alive.
@@ -171,7 +171,8 @@ impl NativeGrid {
         Ok(bytes.min(1e18) as u64 + (1 << 20))
     }
 
-    /// Smallest and largest value of a grid of scalars, inactive voxels included; those that are not finite are left out.
+    /// Smallest and largest value of a grid of scalars, inactive voxels included; those that are not finite are left
+    /// out.
     ///
     /// # Errors
     /// If the grid has no values (points).
@@ -231,7 +232,7 @@ impl NativeGrid {
                     x.name(),
                     other.name()
                 ))
-                .hint("resample both to one lattice first: cumulo convert --resample"));
+                .hint("resample both to one lattice first: ⟨convert.resample⟩"));
             }
         }
         let mut raw = null_mut();

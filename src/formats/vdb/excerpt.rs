@@ -1,5 +1,6 @@
-//! Parts of a file as a file of their own in memory: its metadata, and one of its grids. OpenVDB's own reader decodes what
-//! cannot be decoded leaf by leaf (points, shared trees, old files), and a helper process can try the very same bytes.
+//! Parts of a file as a file of their own in memory: its metadata, and one of its grids. OpenVDB's own reader decodes
+//! what cannot be decoded leaf by leaf (points, shared trees, old files), and a helper process can try the very same
+//! bytes.
 
 use super::ffi;
 use super::meta::Meta;
@@ -17,7 +18,8 @@ pub(super) struct Excerpt {
 }
 
 impl Excerpt {
-    /// Reads the head of a file, with its metadata, and grids of it, of which the last one may share the tree of another.
+    /// Reads the head of a file, with its metadata, and grids of it, of which the last one may share the tree of
+    /// another.
     ///
     /// # Errors
     /// If the parts do not fit into the limits, cannot be read, or are no longer what was checked.
@@ -35,7 +37,7 @@ impl Excerpt {
         for grid in grids {
             append(&mut bytes, source, grid, grids)?;
         }
-        let found = preflight::in_memory(&bytes, &source.path, limits).map_err(|e| changed(e.what()))?;
+        let found = preflight::in_memory(&bytes, &source.path, limits).map_err(|e| changed(&e.what()))?;
         let same = |(a, b): (&Entry, &&Entry)| a.topology == b.topology && a.fully_checked == b.fully_checked;
         if found.version != from.version || !found.entries.iter().zip(grids).all(same) {
             return Err(changed("the tree is another one"));

@@ -44,10 +44,10 @@ pub(super) fn call(entry: impl FnOnce(*mut cumulo_vdb_status) -> i32) -> Result<
         return Err(Error::system(std::io::Error::from_raw_os_error(status.os_error)));
     }
     Err(if code == CUMULO_VDB_UNSUPPORTED as i32 {
-        Error::unsupported(message).hint("choose other grids with --grid, or leave that edit out")
+        Error::unsupported(message).hint("choose other grids with ⟨grid⟩, or leave that edit out")
     } else if code == CUMULO_VDB_OUT_OF_MEMORY as i32 {
         Error::native("OpenVDB ran out of memory")
-            .hint("raise --max-memory if the file is to be trusted, or crop or resample it where it was made")
+            .hint("raise ⟨max_memory⟩ if the file is to be trusted, or crop or resample it where it was made")
     } else {
         Error::native(format!("OpenVDB: {message}"))
     })

@@ -1,4 +1,5 @@
-//! An open VDB file: its directory comes from the preflight, its grids from OpenVDB, which is given bytes that were checked.
+//! An open VDB file: its directory comes from the preflight, its grids from OpenVDB, which is given bytes that were
+//! checked.
 
 use super::excerpt::Excerpt;
 use super::helper;
@@ -150,8 +151,8 @@ impl File {
         Ok(grid)
     }
 
-    /// Returns the name of the grid that is taken for the density unless one is named: `density`, else the only float or
-    /// double grid that is no confidence grid.
+    /// Returns the name of the grid that is taken for the density unless one is named: `density`, else the only float
+    /// or double grid that is no confidence grid.
     ///
     /// # Errors
     /// If there is no such grid or more than one; the error lists the grids.
@@ -176,7 +177,7 @@ impl File {
         let listed = entries.iter().map(|e| format!("'{}' ({})", e.name, e.grid_type)).collect::<Vec<_>>().join(", ");
         Err(Error::invalid(format!("which grid is the density? The file has {listed}"))
             .at(&self.source.path)
-            .hint("name it with --grid"))
+            .hint("name it with ⟨grid⟩"))
     }
 }
 

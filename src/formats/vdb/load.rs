@@ -1,7 +1,7 @@
 //! Loading of a grid whose lengths can all be checked; its leaves are decoded by all threads.
 //!
-//! The file was walked when it was opened, which tells where each part lies. Every part is read once more, checked in memory
-//! and decoded from the same memory, so that a file that changes meanwhile cannot mislead OpenVDB.
+//! The file was walked when it was opened, which tells where each part lies. Every part is read once more, checked in
+//! memory and decoded from the same memory, so that a file that changes meanwhile cannot mislead OpenVDB.
 
 use super::ffi;
 use super::native::NativeGrid;
@@ -66,7 +66,7 @@ impl Drop for Loading {
 fn walked(source: &Source, head: &[u8], preflight: &Preflight, entry: &Entry, limits: &Limits) -> Result<Walk> {
     let mut c = source.cursor(head, entry.span.from);
     let walk = preflight::topology(&mut c, entry, preflight.version, limits, &mut UpMarks::default());
-    let walk = walk.map_err(|e| changed(e.what()))?;
+    let walk = walk.map_err(|e| changed(&e.what()))?;
     let whole = c.position() == entry.span.from + head.len() as u64;
     walk.filter(|walk| whole && Some(walk.found()) == entry.topology).ok_or_else(|| changed("the tree is another one"))
 }
@@ -92,7 +92,7 @@ pub(super) fn grid(
         let count = RUN.min(leaves as usize - first);
         let bytes = source.range(from, until)?;
         let mut c = source.cursor(&bytes, from);
-        walk.run(&mut c, first..first + count).map_err(|e| changed(e.what()))?;
+        walk.run(&mut c, first..first + count).map_err(|e| changed(&e.what()))?;
         if c.position() != until {
             return Err(changed("leaves end where they should not"));
         }

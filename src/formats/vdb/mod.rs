@@ -4,8 +4,8 @@
 //! preflight (Rust: every offset and length) ──▶ File ──▶ NativeGrid ──▶ scene::grid::Grid
 //!                                               write ◀── edits ◀───────┘
 //! ```
-//! OpenVDB reads no file: it decodes bytes in memory that were checked there, so that a file that others write to meanwhile
-//! cannot mislead it.
+//! OpenVDB reads no file: it decodes bytes in memory that were checked there, so that a file that others write to
+//! meanwhile cannot mislead it.
 //!
 //! [`NativeGrid`] holds any grid type and passes it through untouched; [`Grid`] is the scalar copy
 //! that the rest of the program works on.
@@ -72,10 +72,10 @@ pub fn require_fog(grid: &Grid) -> Result<()> {
     let (what, hint) = match grid.class {
         GridClass::FogVolume | GridClass::Unknown => return Ok(()),
         GridClass::LevelSet => {
-            ("a level set (signed distances)", "convert it first: cumulo convert IN.vdb OUT.vdb --to fog")
+            ("a level set (signed distances)", "convert it to a fog volume first with ⟨convert.to=fog⟩")
         }
         GridClass::Staggered => {
-            ("a staggered velocity grid", "name the density with --grid; cumulo info lists the grids")
+            ("a staggered velocity grid", "name the density with ⟨grid⟩; cumulo info lists the grids")
         }
     };
     Err(Error::unsupported(format!("the grid is {what}, a fog volume is needed"))

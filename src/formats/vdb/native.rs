@@ -117,13 +117,17 @@ pub fn writable(transform: &Affine) -> Result<()> {
     }
     let voxel = transform.voxel_size();
     Err(Error::unsupported(format!(
-        "voxels of {:e} x {:e} x {:e} are too small for OpenVDB to write (determinant {:e}, at least {LEAST:e} is needed)",
+        "voxels of {:e} x {:e} x {:e} are too small for OpenVDB to write (determinant {:e}, at least {LEAST:e} is \
+         needed)",
         voxel.x,
         voxel.y,
         voxel.z,
         determinant.abs()
     ))
-    .hint("scale the scene up; voxels as small as these can only be cubes along the axes, with voxel (0, 0, 0) at the origin"))
+    .hint(
+        "scale the scene up; voxels as small as these can only be cubes along the axes, with voxel (0, 0, 0) at the \
+           origin",
+    ))
 }
 
 /// A leaf of 8³ voxels with all components: `values[i * components + c]` with `i = (x << 6) | (y << 3) | z`.
@@ -630,7 +634,7 @@ impl NativeGrid {
         if info.components != 1 {
             return Err(Error::unsupported(format!("the grid holds {} values, scalars are needed", info.value_type))
                 .part(format!("grid '{}'", self.name))
-                .hint("name a scalar grid with --grid; cumulo info lists them"));
+                .hint("name a scalar grid with ⟨grid⟩; cumulo info lists them"));
         }
         let leaves = self.leaves()?;
         let copied = (0..leaves.count).into_par_iter().map(|index| {
@@ -690,8 +694,8 @@ impl NativeGrid {
     /// Builds a `vec3s` grid with the contents of `raw`, which has three components.
     ///
     /// # Errors
-    /// If a leaf has the wrong number of values, a tile's edge is not 8, 128 or 4096, [`writable`] refuses the transform, or
-    /// OpenVDB reports an error.
+    /// If a leaf has the wrong number of values, a tile's edge is not 8, 128 or 4096, [`writable`] refuses the
+    /// transform, or OpenVDB reports an error.
     pub fn from_raw(
         name: &str,
         class: GridClass,

@@ -77,7 +77,7 @@ pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Br
     let transform = info.affine().map_err(place)?;
     if !transform.is_close(&extinctions.transform) {
         return Err(place(Error::unsupported(format!("its lattice is not that of grid '{}'", extinctions.name)))
-            .hint("resample one of them with `cumulo convert --resample`"));
+            .hint("resample one of them with ⟨convert.resample⟩"));
     }
     if info.background.iter().any(|v| *v != 0.0) {
         return Err(place(Error::unsupported(format!(

@@ -1,5 +1,5 @@
-//! A file on disk, of which others may write while it is read: what was checked is not what a later read finds. Bytes are
-//! therefore read once into memory, checked there, and decoded from there.
+//! A file on disk, of which others may write while it is read: what was checked is not what a later read finds. Bytes
+//! are therefore read once into memory, checked there, and decoded from there.
 
 use super::cursor::Cursor;
 use crate::error::{Error, Result};

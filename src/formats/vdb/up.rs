@@ -53,8 +53,9 @@ impl UpMarks {
     }
 }
 
-/// Up axis of the programs that write these creators: Houdini's exporters name themselves `Houdini 20.5/GEO_VDBTranslator`
-/// or `Houdini/SOP_OpenVDB_Write`, Maya's `Maya/OpenVDB_Write_Node`, Blender's `Blender/OpenVDBWriter`.
+/// Up axis of the programs that write these creators: Houdini's exporters name themselves `Houdini
+/// 20.5/GEO_VDBTranslator` or `Houdini/SOP_OpenVDB_Write`, Maya's `Maya/OpenVDB_Write_Node`, Blender's
+/// `Blender/OpenVDBWriter`.
 fn of_creator(creator: &str) -> Option<Up> {
     let creator = creator.to_ascii_lowercase();
     match creator.as_str() {

@@ -29,8 +29,8 @@ const WORLD_NAMES: [&str; 12] = [
 /// Names of grids that hold colors by habit, in lower case.
 const COLOR_NAMES: [&str; 7] = ["cd", "color", "colour", "rgb", "emission", "albedo", "scatter"];
 
-/// Returns what a turn of the world means for the vectors of a grid: by its metadata `is_local_space` and `vector_type` as
-/// OpenVDB defines them (`openvdb::VecType`), else by its name.
+/// Returns what a turn of the world means for the vectors of a grid: by its metadata `is_local_space` and `vector_type`
+/// as OpenVDB defines them (`openvdb::VecType`), else by its name.
 pub fn of(name: &str, local: bool, vector_type: Option<&str>) -> VectorKind {
     let name = name.to_ascii_lowercase();
     let base = name.split('[').next().unwrap_or_default();

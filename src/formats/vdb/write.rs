@@ -14,7 +14,8 @@ use std::os::fd::AsRawFd;
 use std::path::Path;
 
 /// Compression of the values. `ZIP` is left out, because OpenVDB drops it silently for the classes written here.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Codec {
     /// Blosc compression: fast, with smaller files.
     #[default]

@@ -1,29 +1,30 @@
 //! Tests whether two noisy pictures have the same expected values.
 //!
-//! Each side is an [`Estimate`]: the mean of a picture's samples, the estimated variance of that mean, and the degrees of
-//! freedom of the variance. The null hypothesis is that no expected value differs by more than a tolerance. Four tests
-//! look at each channel:
+//! Each side is an [`Estimate`]: the mean of a picture's samples, the estimated variance of that mean, and the degrees
+//! of freedom of the variance. The null hypothesis is that no expected value differs by more than a tolerance. Four
+//! tests look at each channel:
 //!
-//! - **pixels**: t = d / √v for each pixel, d being the difference of the means and v the sum of their variances, which is
-//!   at least its mean over the pixel's 3 x 3 neighbourhood: a pixel whose few samples all missed a rare event would
+//! - **pixels**: t = d / √v for each pixel, d being the difference of the means and v the sum of their variances, which
+//!   is at least its mean over the pixel's 3 x 3 neighbourhood: a pixel whose few samples all missed a rare event would
 //!   otherwise seem free of noise. The degrees of freedom are the smaller ones of the two sides, which bounds the
 //!   tails of the Behrens-Fisher statistic (Mickey and Brown 1966). The smallest p-value is corrected for the number of
 //!   pixels (Šidák 1967). Per-pixel z-tests of renderings against a reference with a stored variance, with this
 //!   correction, are the idea of Mitsuba 3's `test_renders.py`.
-//! - **tiles**: t = Σd / √Σv for each tile of N x N pixels, which finds structure of low frequency. The degrees of freedom
-//!   are Satterthwaite's (1946), estimated without bias for one pixel:
-//!   (Σv)² / Σ(a²/(f + 2) + b²/(g + 2)) - 2 for the variances a and b of the sides with f and g degrees of freedom. Noise
-//!   that few pixels carry therefore counts as little evidence.
+//! - **tiles**: t = Σd / √Σv for each tile of N x N pixels, which finds structure of low frequency. The degrees of
+//!   freedom are Satterthwaite's (1946), estimated without bias for one pixel:
+//!   (Σv)² / Σ(a²/(f + 2) + b²/(g + 2)) - 2 for the variances a and b of the sides with f and g degrees of freedom.
+//!   Noise that few pixels carry therefore counts as little evidence.
 //! - **mean**: the same for the whole picture, with a confidence interval of the difference.
-//! - **spread**: z = Σ w(d² - v) / √Σ w²(d² - v)², one-sided, which finds differences of high frequency that no pixel shows
-//!   alone and that cancel in tiles, such as a shift by part of a pixel. The expected value of each term is 0 under the
-//!   null hypothesis, however the noise varies over the picture, since v is an unbiased estimate. The weight w is one over
-//!   the mean variance of the pixel's neighbours, without its own, on which d and v do not depend. The sum is divided by its
-//!   own magnitude, so that large terms make the test slow to speak, not quick.
+//! - **spread**: z = Σ w(d² - v) / √Σ w²(d² - v)², one-sided, which finds differences of high frequency that no pixel
+//!   shows alone and that cancel in tiles, such as a shift by part of a pixel. The expected value of each term is 0
+//!   under the null hypothesis, however the noise varies over the picture, since v is an unbiased estimate. The weight
+//!   w is one over the mean variance of the pixel's neighbours, without its own, on which d and v do not depend. The
+//!   sum is divided by its own magnitude, so that large terms make the test slow to speak, not quick.
 //!
-//! Where no sample of a region shows any noise, but the sides differ, t is infinite. The p-value is then the probability that
-//! samples all alike are divided between the sides as they are, for each of the region's pixels that differ: one third
-//! for two seeds on either side. Pictures whose values are discrete, such as the alpha of few paths, need this.
+//! Where no sample of a region shows any noise, but the sides differ, t is infinite. The p-value is then the
+//! probability that samples all alike are divided between the sides as they are, for each of the region's pixels that
+//! differ: one third for two seeds on either side. Pictures whose values are discrete, such as the alpha of few paths,
+//! need this.
 //!
 //! With k tests in all, the pictures differ if any p-value is below 1 - (1 - α)^(1/k): if they have the same expected
 //! values, this happens with a probability of at most α, the rate of false alarms.
@@ -153,8 +154,8 @@ impl ChannelTests {
 pub struct MeanTest {
     /// Mean of the first side minus that of the second.
     pub difference: f64,
-    /// Interval that holds the difference of the expected means with 95 % confidence; `null` with fewer than one degree of
-    /// freedom.
+    /// Interval that holds the difference of the expected means with 95 % confidence; `null` with fewer than one degree
+    /// of freedom.
     pub interval: Option<[f64; 2]>,
     /// Difference beyond the tolerance by its standard error; `null` if that is 0 and the difference is not.
     pub t: Option<f64>,

@@ -51,8 +51,8 @@ struct Statistic {
 }
 
 impl Statistic {
-    /// Statistic of a difference beyond what is allowed. Where no sample shows any noise, `silent` is the logarithm of the
-    /// probability.
+    /// Statistic of a difference beyond what is allowed. Where no sample shows any noise, `silent` is the logarithm of
+    /// the probability.
     fn of(beyond: f64, variance: f64, freedom: f64, silent: f64) -> Self {
         let t = if beyond == 0.0 { 0.0 } else { beyond / variance.sqrt() };
         let p = if t.is_infinite() { silent.exp() } else { two_sided(t, freedom) };
@@ -102,9 +102,10 @@ impl Differences<'_> {
         sides.map(|(side, _)| side.freedom.at(pixel)).fold(f64::INFINITY, f64::min)
     }
 
-    /// Logarithm of the probability that a pixel's samples, all alike on either side but not on both, are divided between the
-    /// sides as they are: 2 of the n over m ways to choose the m samples of one side from all n, which are equally probable
-    /// if the sides have the same distribution. A side without noise counts as having as many samples as the other.
+    /// Logarithm of the probability that a pixel's samples, all alike on either side but not on both, are divided
+    /// between the sides as they are: 2 of the n over m ways to choose the m samples of one side from all n, which are
+    /// equally probable if the sides have the same distribution. A side without noise counts as having as many samples
+    /// as the other.
     fn silent(&self, pixel: usize) -> f64 {
         let counts: [f64; 2] = std::array::from_fn(|s| {
             let which = if self.noisy[s] { s } else { 1 - s };
@@ -259,7 +260,8 @@ impl Differences<'_> {
     }
 }
 
-/// Returns the one of two results whose p-value is smaller, then whose |t| is larger, then the first. (`by` gives p and t.)
+/// Returns the one of two results whose p-value is smaller, then whose |t| is larger, then the first. (`by` gives p and
+/// t.)
 fn smaller<T>(a: Option<T>, b: Option<T>, by: impl Fn(&T) -> (f64, f64)) -> Option<T> {
     match (a, b) {
         (Some(a), Some(b)) => {

@@ -2,8 +2,8 @@
 
 use crate::scene::grid::LEAF_VOXELS;
 
-/// Bound of the work of a comparison of volumes on different lattices. (On one lattice all voxels are always compared, which
-/// takes a fraction of the time.)
+/// Bound of the work of a comparison of volumes on different lattices. (On one lattice all voxels are always compared,
+/// which takes a fraction of the time.)
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Effort {
     /// Largest number of blocks of 8³ voxels that are compared voxel by voxel.

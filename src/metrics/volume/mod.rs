@@ -59,8 +59,8 @@ pub struct Multiple {
 }
 
 impl Multiple {
-    /// Fits B to A from the sums of squares of A, of B and of their difference over a number of values. Nothing is left where
-    /// the rest is within the rounding of these sums.
+    /// Fits B to A from the sums of squares of A, of B and of their difference over a number of values. Nothing is left
+    /// where the rest is within the rounding of these sums.
     fn fit([a, b]: [f64; 2], difference: f64, values: f64, peak: f64) -> Option<Self> {
         let product = 0.5 * (a + b - difference);
         if !(a > 0.0 && product > 0.0 && difference > 0.0) {
@@ -83,8 +83,8 @@ impl Difference {
             && (max_abs > 0.0 || self.topology_iou == 1.0)
     }
 
-    /// Returns the multiple if it explains most of the difference: a factor apart from 1 by a percent or more, after which less
-    /// than a tenth of the power of the difference is left.
+    /// Returns the multiple if it explains most of the difference: a factor apart from 1 by a percent or more, after
+    /// which less than a tenth of the power of the difference is left.
     pub fn explained(&self) -> Option<Multiple> {
         const GAIN_DB: f64 = 10.0;
         let multiple = self.multiple.filter(|multiple| (multiple.factor - 1.0).abs() >= 0.01)?;
@@ -101,8 +101,8 @@ pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
     compare_within(a, b, Effort::ALL, &|_, _| {})
 }
 
-/// Compares `b` with the reference `a`, with no more work than `effort` allows. Regions in which both are constant are compared
-/// as a whole. `step` is called again and again.
+/// Compares `b` with the reference `a`, with no more work than `effort` allows. Regions in which both are constant are
+/// compared as a whole. `step` is called again and again.
 ///
 /// # Errors
 /// If the components differ, or too many voxels would have to be compared.
@@ -112,7 +112,7 @@ pub fn compare_within(a: &Field<'_>, b: &Field<'_>, effort: Effort, step: OnStep
             "one grid has {} values a voxel, the other {}",
             a.components, b.components
         ))
-        .hint("compare grids of one kind: name them with --grid"));
+        .hint("compare grids of one kind: name them with ⟨grid⟩"));
     }
     let same = a.transform == b.transform;
     let b_box = b.active_box.map(|(min, max)| if same { (min, max) } else { on_lattice(min, max, b, a) });

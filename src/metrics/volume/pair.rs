@@ -1,4 +1,5 @@
-//! Two volumes under comparison: their domain is divided into what is constant in both, and what is compared voxel by voxel.
+//! Two volumes under comparison: their domain is divided into what is constant in both, and what is compared voxel by
+//! voxel.
 
 use super::effort::{Effort, OnStep};
 use super::field::{Constant, Field, Window};
@@ -60,8 +61,8 @@ impl Pair<'_, '_> {
         Ok(())
     }
 
-    /// Returns the sums over the divided domain, and the number of voxels that they are of. Of more blocks than `effort`
-    /// allows on different lattices, one of each group of neighbors stands for all.
+    /// Returns the sums over the divided domain, and the number of voxels that they are of. Of more blocks than
+    /// `effort` allows on different lattices, one of each group of neighbors stands for all.
     pub(super) fn sum(&self, effort: Effort, step: OnStep<'_>) -> (Partial, Option<u64>) {
         let group = if self.same { 1 } else { self.blocks.len().div_ceil(effort.blocks) };
         let chosen = chosen(&self.blocks, group);
@@ -142,7 +143,7 @@ impl Pair<'_, '_> {
                 return Err(Error::unsupported(format!(
                     "more than {MAX_BLOCKS} blocks of 8³ voxels would have to be compared voxel by voxel"
                 ))
-                .hint("crop both to the part that matters first: cumulo convert --crop"));
+                .hint("crop both to the part that matters first: ⟨convert.crop⟩"));
             }
             return Ok(());
         }
@@ -245,8 +246,8 @@ impl Pair<'_, '_> {
     }
 }
 
-/// Returns one of each `group` of blocks in a row, at a place that a hash of the row's number tells: a regular pattern of the
-/// volume's is not mistaken for the whole.
+/// Returns one of each `group` of blocks in a row, at a place that a hash of the row's number tells: a regular pattern
+/// of the volume's is not mistaken for the whole.
 fn chosen(blocks: &[[i32; 3]], group: usize) -> Cow<'_, [[i32; 3]]> {
     if group <= 1 {
         return Cow::Borrowed(blocks);

@@ -17,8 +17,8 @@ pub(super) struct Entry<R: Real, S> {
     pub transmittance: f64,
 }
 
-/// A ray's segments, blended front to back; [`shade`](super::shade) has the formulas. Optical depth and transmittance are
-/// carried in `f64`: a constant source contributes `c (T_before - T_after)`, which would cancel in `f32`.
+/// A ray's segments, blended front to back; [`shade`](super::shade) has the formulas. Optical depth and transmittance
+/// are carried in `f64`: a constant source contributes `c (T_before - T_after)`, which would cancel in `f32`.
 pub(super) struct Blend<'b, R: Real, S, Q, const C: usize> {
     values: &'b [R],
     curve: &'b Curve<R, C>,

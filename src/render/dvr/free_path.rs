@@ -1,7 +1,7 @@
 //! Free paths: where along a ray light collides with the medium for the first time.
 //!
-//! Collisions have the density `σ e^{-τ}` along the ray, τ the optical depth so far: they lie at optical depths with the
-//! density `e^{-τ}`. Given that a ray of transmittance T has one, a number u in [0, 1) has it where
+//! Collisions have the density `σ e^{-τ}` along the ray, τ the optical depth so far: they lie at optical depths with
+//! the density `e^{-τ}`. Given that a ray of transmittance T has one, a number u in [0, 1) has it where
 //! `τ = -ln(1 - u (1 - T))`. Exact quadrature knows the inverse of the optical depth.
 
 use super::blend::{Blend, Entry};
@@ -31,8 +31,8 @@ impl Walked {
     /// A ray that meets nothing.
     const NOTHING: Self = Self { depth: 0.0, enter: 0.0 };
 
-    /// Returns the optical depth of the collision that a number u in [0, 1) stands for among those of the ray; `None` if the ray
-    /// has none.
+    /// Returns the optical depth of the collision that a number u in [0, 1) stands for among those of the ray; `None`
+    /// if the ray has none.
     #[inline]
     pub fn collision(&self, u: f64) -> Option<f64> {
         (self.depth > 0.0).then(|| -(u * (-self.depth).exp_m1()).ln_1p())
@@ -88,8 +88,8 @@ impl pulp::NullaryFnOnce for Locate<'_, '_> {
 }
 
 impl Dvr<'_, f32> {
-    /// Walks along a world ray of unit direction with exact quadrature, and keeps its way on the tape. A ray that ends early
-    /// ([`Dvr::early_stop`]) has no collisions behind its end.
+    /// Walks along a world ray of unit direction with exact quadrature, and keeps its way on the tape. A ray that ends
+    /// early ([`Dvr::early_stop`]) has no collisions behind its end.
     pub fn walk(&self, ray: &Ray, tape: &mut Tape<f32>) -> Walked {
         self.arch.dispatch(Walk { dvr: self, ray, length: f64::INFINITY, limit: self.depth_limit, tape })
     }
@@ -104,14 +104,15 @@ impl Dvr<'_, f32> {
         Some((walked.enter + found.0, found.1))
     }
 
-    /// Returns the collision at an optical depth along the first `length` of a world ray of unit direction, as the world
-    /// length from the ray's origin and the density there; `None` if the ray has less.
+    /// Returns the collision at an optical depth along the first `length` of a world ray of unit direction, as the
+    /// world length from the ray's origin and the density there; `None` if the ray has less.
     pub fn collision_at(&self, ray: &Ray, depth: f64, length: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
         let walked = self.arch.dispatch(Walk { dvr: self, ray, length, limit: depth, tape });
         if depth < walked.depth { self.locate(&walked, depth, tape) } else { None }
     }
 
-    /// Extinction proportional to the density: keeps spans, their cells and the integrals, and returns the optical depth.
+    /// Extinction proportional to the density: keeps spans, their cells and the integrals, and returns the optical
+    /// depth.
     #[inline(always)]
     fn walk_spans(&self, ray: &IndexRay, limit: f64, tape: &mut Tape<f32>) -> f64 {
         let Tape { cells, spans, span_ends, integrals, .. } = tape;
@@ -204,8 +205,8 @@ impl Dvr<'_, f32> {
     }
 }
 
-/// Returns the number of the cell of a quartet in which the integral of the density reaches `rest`, its world length from the
-/// quartet's entry, its own length and integral, and what is left of `rest` there.
+/// Returns the number of the cell of a quartet in which the integral of the density reaches `rest`, its world length
+/// from the quartet's entry, its own length and integral, and what is left of `rest` there.
 #[inline(always)]
 fn cell_of(quartet: &Quartet<f32>, values: &[f32], mut rest: f64) -> (usize, f64, [f64; 2], f64) {
     let (mut from, mut found) = (0.0, (0, 0.0, [0.0; 2], 0.0));
@@ -223,8 +224,8 @@ fn cell_of(quartet: &Quartet<f32>, values: &[f32], mut rest: f64) -> (usize, f64
     found
 }
 
-/// Returns the densities at the points of [`gauss::NODES`] of a chord through the cell of this offset; the chord's beginning and
-/// length are world lengths, from the span's entry.
+/// Returns the densities at the points of [`gauss::NODES`] of a chord through the cell of this offset; the chord's
+/// beginning and length are world lengths, from the span's entry.
 #[inline(always)]
 fn chord(values: &[f32], span: &Span<f32>, offset: u32, [from, length]: [f64; 2]) -> [f32; LANES] {
     let within = offset as usize - span.base;
@@ -238,7 +239,8 @@ fn chord(values: &[f32], span: &Span<f32>, offset: u32, [from, length]: [f64; 2]
 }
 
 /// Returns the argument between 0 and `end` at which an ascending function, which is 0 at 0 and `whole` at the end,
-/// has the value `rest` but for `precision`; `value` returns the function and its derivative. Newton's method between bounds.
+/// has the value `rest` but for `precision`; `value` returns the function and its derivative. Newton's method between
+/// bounds.
 #[inline(always)]
 fn inverse(end: f64, (whole, precision): (f64, f64), rest: f64, mut value: impl FnMut(f64) -> (f64, f64)) -> f64 {
     let (mut low, mut high) = (0.0, end);
@@ -261,8 +263,8 @@ fn inverse(end: f64, (whole, precision): (f64, f64), rest: f64, mut value: impl 
     at
 }
 
-/// Error of the optical depth of a collision, as a share of that of its span or segment if it is less than 1, and the most
-/// steps to get there.
+/// Error of the optical depth of a collision, as a share of that of its span or segment if it is less than 1, and the
+/// most steps to get there.
 const PRECISION: f64 = 1e-5;
 const STEPS: usize = 40;
 

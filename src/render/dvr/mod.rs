@@ -259,8 +259,8 @@ impl pulp::NullaryFnOnce for DepthWithin<'_, '_> {
 }
 
 impl Dvr<'_, f32> {
-    /// Returns the optical depth of the first `length` of a world ray of unit direction with exact quadrature, or, if that
-    /// is more than `limit`, a depth of at least `limit`.
+    /// Returns the optical depth of the first `length` of a world ray of unit direction with exact quadrature, or, if
+    /// that is more than `limit`, a depth of at least `limit`.
     pub fn optical_depth_within(&self, ray: &Ray, length: f64, limit: f64, tape: &mut Tape<f32>) -> f64 {
         self.arch.dispatch(DepthWithin { dvr: self, ray, length, limit, tape })
     }
@@ -295,8 +295,8 @@ impl<'a, R: Real> Dvr<'a, R> {
     /// the eye.
     ///
     /// # Errors
-    /// If the medium's numbers are not usable, it scatters, it is chromatic, or it absorbs at density zero where the field has no
-    /// bricks.
+    /// If the medium's numbers are not usable, it scatters, it is chromatic, or it absorbs at density zero where the
+    /// field has no bricks.
     pub fn new(field: &'a Bricks<R>, medium: Medium) -> Result<Self> {
         let medium = medium.checked()?;
         if medium.scatters() {
@@ -368,8 +368,8 @@ impl<'a, R: Real> Dvr<'a, R> {
         self
     }
 
-    /// Ends a ray after the batch of bricks in which its transmittance falls below `transmittance`, from 0 (never) to 1;
-    /// [`Composited::left_out`] bounds the error.
+    /// Ends a ray after the batch of bricks in which its transmittance falls below `transmittance`, from 0 (never) to
+    /// 1; [`Composited::left_out`] bounds the error.
     #[must_use]
     pub fn early_stop(mut self, transmittance: f64) -> Self {
         self.depth_limit = -transmittance.ln();
@@ -524,8 +524,8 @@ impl<R: Precision> Composited<Dvr<'_, R>> {
         self.integrator.brightest().max(self.brightest_background()).max(1.0)
     }
 
-    /// Returns a bound of the error that the quadrature makes in any channel of a pixel, alpha included, beside rounding
-    /// to the precision `R`; `None` for rules that state none.
+    /// Returns a bound of the error that the quadrature makes in any channel of a pixel, alpha included, beside
+    /// rounding to the precision `R`; `None` for rules that state none.
     pub fn quadrature_error(&self) -> Option<f64> {
         match (self.integrator.quadrature, &self.integrator.compiled) {
             (Quadrature::Preintegrated(tolerance), CompiledMedium::Table(..)) => Some(tolerance * self.unit()),

@@ -15,8 +15,8 @@ use crate::scene::table::TableGradient;
 pub struct Tape<R: Real> {
     /// Cells of rays of which only the depth matters.
     pub(super) cells: Vec<Quartet<R>>,
-    /// Spans of a ray whose way is kept, how many quartets of `cells` there are up to the end of each, and the integrals of the
-    /// density up to the end of each quartet.
+    /// Spans of a ray whose way is kept, how many quartets of `cells` there are up to the end of each, and the
+    /// integrals of the density up to the end of each quartet.
     pub(super) spans: Vec<Span<R>>,
     pub(super) span_ends: Vec<usize>,
     pub(super) integrals: Vec<f64>,

@@ -38,7 +38,8 @@ impl Lighting {
         let lights = lights.iter().enumerate();
         let lights = lights.map(|(i, light)| light.checked().map_err(|e| e.part(format!("light {i}"))));
         let lights: Vec<Light> = lights.collect::<Result<_>>()?;
-        // In light that is the same from all around, what is scattered makes up for what is dimmed, path by path, if all scatter.
+        // In light that is the same from all around, what is scattered makes up for what is dimmed, path by path, if
+        // all scatter.
         let often = if lights.is_empty() && environment.map.is_none() { f64::INFINITY } else { OFTEN };
         Ok(Self { lights, environment, background: None, often })
     }

@@ -13,8 +13,8 @@ use glam::{DVec3, Vec3};
 pub(super) trait Glow: Sync + Send {
     /// Walks along a camera's ray, before paths are traced from it.
     fn look(&self, _: &Ray, _: &mut Scratch) {}
-    /// Returns an estimate of the radiance along a world ray of unit direction through the media; `of_camera` for the camera's
-    /// ray that was walked last.
+    /// Returns an estimate of the radiance along a world ray of unit direction through the media; `of_camera` for the
+    /// camera's ray that was walked last.
     fn emitted(
         &self,
         media: &impl Media,
@@ -25,7 +25,8 @@ pub(super) trait Glow: Sync + Send {
     ) -> Vec3;
 }
 
-/// Emission of the only volume, with the extinction of its medium: it needs no collisions, and rays through it are integrated.
+/// Emission of the only volume, with the extinction of its medium: it needs no collisions, and rays through it are
+/// integrated.
 pub(super) struct Integrated<'a>(Preshaded<'a, f32>);
 
 impl<'a> Integrated<'a> {

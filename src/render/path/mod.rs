@@ -82,8 +82,8 @@ pub struct Scratch {
     /// The way of the camera's ray that was walked last.
     camera: Tape<f32>,
     walked: Option<Walked>,
-    /// Optical depth of that ray by channel, and the radiance of the grid beside the media along it, where kernels ask for
-    /// them.
+    /// Optical depth of that ray by channel, and the radiance of the grid beside the media along it, where kernels ask
+    /// for them.
     depths: DVec3,
     emitted: Vec3,
     emission: preshaded::Tape<f32>,
@@ -234,7 +234,8 @@ impl<'a> PathTracer<'a> {
         self.again(ray, sampler, scratch)
     }
 
-    /// Returns another path's estimate along the ray of the last call of [`PathTracer::sample`] with this scratch memory, for less.
+    /// Returns another path's estimate along the ray of the last call of [`PathTracer::sample`] with this scratch
+    /// memory, for less.
     fn again(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
         scratch.counts.paths += 1;
         self.kernel.trace(self, ray, sampler, scratch)

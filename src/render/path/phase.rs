@@ -112,8 +112,8 @@ impl Phases for Shaded {
     }
 }
 
-/// Returns the gradient of the density per world length, by central differences over a voxel to each side: the derivative
-/// of the interpolated density jumps between cells, and its shading would show them.
+/// Returns the gradient of the density per world length, by central differences over a voxel to each side: the
+/// derivative of the interpolated density jumps between cells, and its shading would show them.
 pub(super) fn gradient(field: &Bricks<f32>, position: DVec3) -> DVec3 {
     let index = field.transform.to_index(position);
     let slope = |axis: DVec3| 0.5 * f64::from(field.sample(index + axis) - field.sample(index - axis));

@@ -20,8 +20,8 @@ pub struct Sampling {
     pub seed: u64,
     /// Column and row of the picture's first pixel in the picture that it is a part of, whose random numbers it has.
     pub origin: [u32; 2],
-    /// Most radiance that is scattered to a path, in each channel: less noise for a picture that is too dark. `None` for
-    /// all of it.
+    /// Most radiance that is scattered to a path, in each channel: less noise for a picture that is too dark. `None`
+    /// for all of it.
     pub clamp: Option<f32>,
 }
 
@@ -53,8 +53,8 @@ impl<'c> From<&'c Camera> for View<'c> {
 }
 
 impl View<'_> {
-    /// Returns how a collision that is seen at `now` moves in the picture with its volume: its place in the frame before minus
-    /// that now, and its place now minus that in the frame after, in pixels to the right and upwards.
+    /// Returns how a collision that is seen at `now` moves in the picture with its volume: its place in the frame
+    /// before minus that now, and its place now minus that in the frame after, in pixels to the right and upwards.
     fn motion(&self, first: &First, now: DVec2) -> [DVec2; 2] {
         let velocity = self.velocities.iter().find(|(volume, _)| *volume == first.volume);
         let goes = velocity.map_or(DVec3::ZERO, |(_, velocity)| velocity.per_frame(first.position));
@@ -87,8 +87,8 @@ const RAYS_BETWEEN_LOOKS: u32 = 128;
 /// Most paths that begin with one camera ray.
 const MOST_PER_RAY: u32 = 16;
 
-/// Returns how many of a pixel's paths begin with one camera ray, whose way is computed once: as many as there are rays, or
-/// fewer, and each ray has as many.
+/// Returns how many of a pixel's paths begin with one camera ray, whose way is computed once: as many as there are
+/// rays, or fewer, and each ray has as many.
 fn per_ray(paths: u32) -> u32 {
     (1..=MOST_PER_RAY).filter(|n| paths.is_multiple_of(*n) && n * n <= paths).max().unwrap_or(1)
 }
@@ -103,8 +103,8 @@ struct Pixel {
     indirect: DVec3,
     /// Rays of even and of odd number.
     halves: [Half; 2],
-    /// Over first collisions: their weight, and weighted by it the albedo, the normal, the position, the length along the viewing
-    /// axis.
+    /// Over first collisions: their weight, and weighted by it the albedo, the normal, the position, the length along
+    /// the viewing axis.
     collided: f64,
     albedo: DVec3,
     normal: DVec3,
@@ -178,9 +178,9 @@ fn layers(aov: Aov) -> Vec<Layer> {
 
 impl PathTracer<'_> {
     /// Renders a picture, the mean over the paths of each pixel through points of its square, with the requested planes
-    /// beside RGBA. With the planes [`Aov::Variance`] or [`Aov::Halves`] the paths are drawn in two independent halves, which
-    /// cover a pixel a little less evenly: the picture has other noise, and somewhat more of it. Returns `None` if the watch
-    /// stopped it.
+    /// beside RGBA. With the planes [`Aov::Variance`] or [`Aov::Halves`] the paths are drawn in two independent halves,
+    /// which cover a pixel a little less evenly: the picture has other noise, and somewhat more of it. Returns `None`
+    /// if the watch stopped it.
     pub fn picture<'c, 'w>(
         &self,
         view: impl Into<View<'c>>,

@@ -1,8 +1,8 @@
 //! Delta tracking (Woodcock et al. 1965): collisions with a medium at the density `σ e^{-∫σ}` along a ray.
 //!
 //! Tentative collisions are drawn with the brick's majorant in place of the extinction; of these, the share σ over the
-//! majorant is real. Their chances not to be are the factors of ratio tracking (Novák et al. 2014). Bricks in which nothing
-//! absorbs are skipped.
+//! majorant is real. Their chances not to be are the factors of ratio tracking (Novák et al. 2014). Bricks in which
+//! nothing absorbs are skipped.
 
 use super::optics::{Any, Optics};
 use super::phase::{Mixed, PhaseFunction, Phases, Shaded, gradient};
@@ -47,8 +47,8 @@ pub(super) trait Media: Sync + Send {
     const EMITS: bool;
     /// True if a grid emits beside the media.
     const GLOWS: bool = false;
-    /// Draws the next real collision along a world ray of unit direction that carries `weight`, and returns with it what the
-    /// weight is to be multiplied by; `None` if the ray escapes.
+    /// Draws the next real collision along a world ray of unit direction that carries `weight`, and returns with it
+    /// what the weight is to be multiplied by; `None` if the ray escapes.
     fn collide(
         &self,
         ray: &Ray,
@@ -60,8 +60,8 @@ pub(super) trait Media: Sync + Send {
     fn survival(&self, ray: &Ray, distance: f64, weight: Vec3, scratch: &mut Scratch) -> Vec3;
     /// Walks along a camera's ray, before collisions are drawn on it.
     fn look(&self, ray: &Ray, scratch: &mut Scratch);
-    /// Returns an estimate of the radiance of the grids beside the media along a world ray of unit direction; `of_camera` for the
-    /// camera's ray that was walked last.
+    /// Returns an estimate of the radiance of the grids beside the media along a world ray of unit direction;
+    /// `of_camera` for the camera's ray that was walked last.
     fn emitted(&self, _: &Ray, _of_camera: bool, _: &mut Sampler, _: &mut Scratch) -> Vec3 {
         Vec3::ZERO
     }
@@ -139,9 +139,9 @@ pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a,
 }
 
 impl<O: Optics, P> One<'_, O, P> {
-    /// Calls `visit` with the distance, density, extinction and majorant at each tentative collision before `limit`, until it
-    /// returns false. Returns, where a brick's bound is too loose for this, the place from which the ray goes on by exact
-    /// quadrature, and the optical depth that is left to the next tentative collision.
+    /// Calls `visit` with the distance, density, extinction and majorant at each tentative collision before `limit`,
+    /// until it returns false. Returns, where a brick's bound is too loose for this, the place from which the ray goes
+    /// on by exact quadrature, and the optical depth that is left to the next tentative collision.
     #[inline(always)]
     fn tentative(
         &self,
@@ -215,8 +215,8 @@ impl<O: Optics, P> One<'_, O, P> {
         found.map(|(distance, density)| (start + distance, density))
     }
 
-    /// Returns an estimate of the transmittance of the first `length` of a ray by exact quadrature: the exact one down to
-    /// 5 %, and below that 5 % or 0.
+    /// Returns an estimate of the transmittance of the first `length` of a ray by exact quadrature: the exact one down
+    /// to 5 %, and below that 5 % or 0.
     #[inline(always)]
     fn quadrature(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> f32 {
         // Beyond, the ray survives with the probability of what is left: the mean stays, and the walk ends soon.
@@ -225,8 +225,8 @@ impl<O: Optics, P> One<'_, O, P> {
         if depth < limit { (-depth.min(EXACT_DEPTH)).exp() as f32 } else { 0.0 }
     }
 
-    /// Returns an estimate of the transmittance of the first `length` of a ray by ratio tracking (Novák et al. 2014): the
-    /// product of the chances that no tentative collision is a real one, and below 5 % roulette.
+    /// Returns an estimate of the transmittance of the first `length` of a ray by ratio tracking (Novák et al. 2014):
+    /// the product of the chances that no tentative collision is a real one, and below 5 % roulette.
     #[inline(always)]
     fn ratio(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> f32 {
         let mut product = 1.0_f32;
@@ -401,8 +401,8 @@ mod tests {
         field
     }
 
-    /// Ratio tracking has the mean of exact quadrature: in thin and dense media, through a function, and where a bound is
-    /// so loose that the rest of the ray goes by quadrature.
+    /// Ratio tracking has the mean of exact quadrature: in thin and dense media, through a function, and where a bound
+    /// is so loose that the rest of the ray goes by quadrature.
     #[test]
     fn ratio_tracking_is_unbiased() {
         let points = [0.0, 3.0, 0.2, 0.0, 1.0, 0.5].map(|sigma| [0.0, 0.0, 0.0, sigma]);

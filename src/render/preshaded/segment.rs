@@ -164,8 +164,8 @@ impl<R: Real> Segment<R> {
     }
 
     /// Returns the derivatives with respect to the world lengths at which the cell is entered and left, from the light
-    /// `emitted` per world length, the derivatives with respect to the optical depths up to the points and up to the end,
-    /// and those with respect to the points' world lengths from the origin.
+    /// `emitted` per world length, the derivatives with respect to the optical depths up to the points and up to the
+    /// end, and those with respect to the points' world lengths from the origin.
     #[inline(always)]
     pub fn by_faces(&self, emitted: [f64; 2], by_depths: [f64; 2], by_depth: f64, by_positions: [f64; 2]) -> [f64; 2] {
         let s = self.extinctions().map(R::f64);

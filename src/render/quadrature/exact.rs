@@ -22,8 +22,8 @@ impl<R: Real> DepthRule<R> for ExactDepth {
 }
 
 impl ExactDepth {
-    /// Appends the cells of at most [`BATCH`](crate::render::march::BATCH) spans of one ray, and tells after each span how many
-    /// quartets there are.
+    /// Appends the cells of at most [`BATCH`](crate::render::march::BATCH) spans of one ray, and tells after each span
+    /// how many quartets there are.
     #[inline(always)]
     pub fn cells_by_span<R: Real>(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>, mut ended: impl FnMut(usize)) {
         let at = crossings(spans);
@@ -138,7 +138,8 @@ impl<R: Real, const C: usize> Cutter<'_, R, C> {
         let mut halvings_left = MOST_HALVINGS;
         while length > R::ZERO {
             let mut chord = cell.chord(self.values, start, length, piece);
-            // What rounding puts beyond the piece would be extrapolated, along lines that may be as steep as a needle's.
+            // What rounding puts beyond the piece would be extrapolated, along lines that may be as steep as a
+            // needle's.
             chord.density = chord.density.clamped(line.low, line.high);
             let measure = Measure::new(chord.density.store().map(all), all(length), [line; LANES]);
             let error = measure.error.store()[0];

@@ -36,14 +36,14 @@ const FEW_KNOTS: usize = 32;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(into = "String", try_from = "String")]
 pub enum Quadrature {
-    /// Cell by cell between voxel centres, where the trilinear field along a ray is a cubic: two-point Gauss-Legendre has
-    /// no error for the optical depth. A source that varies takes four points in segments short enough for
+    /// Cell by cell between voxel centres, where the trilinear field along a ray is a cubic: two-point Gauss-Legendre
+    /// has no error for the optical depth. A source that varies takes four points in segments short enough for
     /// [`Dvr::tolerance`](crate::render::dvr::Dvr::tolerance).
     Exact,
-    /// Pre-integration (Engel, Kraus & Ertl 2001): between two nodes the density is taken as linear, and cumulative tables
-    /// of the transfer function give the light however many knots lie between. Nodes are spaced so that each pixel errs
-    /// by at most the tolerance given, in units of the brightest color of function and background (alpha: absolute).
-    /// Equal to exact quadrature without a transfer function.
+    /// Pre-integration (Engel, Kraus & Ertl 2001): between two nodes the density is taken as linear, and cumulative
+    /// tables of the transfer function give the light however many knots lie between. Nodes are spaced so that each
+    /// pixel errs by at most the tolerance given, in units of the brightest color of function and background (alpha:
+    /// absolute). Equal to exact quadrature without a transfer function.
     Preintegrated(f64),
     /// Samples in the middle of steps of constant length; order 2.
     Midpoint(f64),
@@ -145,7 +145,8 @@ impl fmt::Display for Quadrature {
 pub trait Rule<R: Real, const C: usize>: Copy + Sync {
     /// Type of the segments.
     type Segment: Copy;
-    /// Appends the segments of at most [`BATCH`](crate::render::march::BATCH) spans, near to far, with the densities in them.
+    /// Appends the segments of at most [`BATCH`](crate::render::march::BATCH) spans, near to far, with the densities in
+    /// them.
     fn segments(&self, curve: &Curve<R, C>, values: &[R], spans: &[Span<R>], segments: &mut Vec<Self::Segment>);
     /// True if the result does not depend on where the interior is cut: derivatives with respect to entry and exit are
     /// then the integrand there. Else, for samples that move with the ends, [`Rule::vjp`] returns them.

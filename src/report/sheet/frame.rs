@@ -8,8 +8,8 @@ const BORDER: usize = 20;
 const ARROW: f64 = 28.0;
 const HEAD: f64 = 4.0;
 
-/// Returns a picture with the names of its axes: `right` below its lower left corner with an arrow to the right, and `up`
-/// beside it with an arrow up.
+/// Returns a picture with the names of its axes: `right` below its lower left corner with an arrow to the right, and
+/// `up` beside it with an arrow up.
 pub fn with_axes(picture: &Canvas, right: &str, up: &str) -> Canvas {
     let mut canvas = Canvas::new(picture.width + BORDER, picture.height + BORDER, PAPER);
     canvas.put(picture, [BORDER, 0]);

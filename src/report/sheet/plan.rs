@@ -31,9 +31,9 @@ pub struct Stand {
     pub half_angle: f64,
 }
 
-/// Draws cameras from above on a square of `side` pixels, in a world with `up` upwards: x to the right and y up where that is
-/// z, -z up where it is y. `subject` are world points around what the cameras see; there may be none. Returns the plan, and the
-/// world length of its bar.
+/// Draws cameras from above on a square of `side` pixels, in a world with `up` upwards: x to the right and y up where
+/// that is z, -z up where it is y. `subject` are world points around what the cameras see; there may be none. Returns
+/// the plan, and the world length of its bar.
 pub fn plan(stands: &[Stand], subject: &[DVec3], side: usize, up: Up) -> (Canvas, f64) {
     let turn = up.turn(Up::Z);
     let turned = |stand: &Stand| Stand {

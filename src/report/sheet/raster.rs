@@ -25,7 +25,8 @@ impl Range {
         Some(Self { low: at(share)?, high: at(1.0 - share)? })
     }
 
-    /// Place of a number in the range, from 0 to 1; 0 for NaN, and in a range of one number 1 for that number and above.
+    /// Place of a number in the range, from 0 to 1; 0 for NaN, and in a range of one number 1 for that number and
+    /// above.
     pub fn share(self, value: f64) -> f64 {
         let width = self.high - self.low;
         match (value - self.low) / width {
@@ -37,8 +38,8 @@ impl Range {
     }
 }
 
-/// A film whose longer side has about `side` pixels: means over blocks of a larger one, and repeated pixels of a smaller
-/// one.
+/// A film whose longer side has about `side` pixels: means over blocks of a larger one, and repeated pixels of a
+/// smaller one.
 pub fn fitted(film: &Film, side: usize) -> Film {
     let small = picture::reduced(film, side.max(1));
     let factor = side / small.width.max(small.height).max(1);
@@ -50,15 +51,16 @@ pub fn fitted(film: &Film, side: usize) -> Film {
     Film::of(width, height, (0..width * height).map(pixel).collect())
 }
 
-/// Greys of numbers (the first component of each pixel), from black at the low end of the range to white at the high one.
+/// Greys of numbers (the first component of each pixel), from black at the low end of the range to white at the high
+/// one.
 pub fn grey(film: &Film, range: Range) -> Canvas {
     // `as` saturates and turns NaN into 0.
     let level = |v: f32| (255.0 * range.share(f64::from(v)) + 0.5) as u8;
     Canvas::of(film.width, film.height, film.rgba.iter().flat_map(|p| [level(p[0]); 3]).collect())
 }
 
-/// Colors of vectors: red, green and blue of a pixel rise with its first three components, from black at `-most` through
-/// the middle at 0 to full at `most`.
+/// Colors of vectors: red, green and blue of a pixel rise with its first three components, from black at `-most`
+/// through the middle at 0 to full at `most`.
 pub fn signed(film: &Film, most: f64) -> Canvas {
     let range = Range { low: -most, high: most };
     let level = |v: f32| (255.0 * range.share(f64::from(v)) + 0.5) as u8;

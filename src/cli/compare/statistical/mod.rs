@@ -4,8 +4,8 @@ mod report;
 mod side;
 
 use super::{Arguments, traits};
+use crate::app::outputs::{self, Content};
 use crate::cli::output::Output;
-use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::{exr, png};
 use crate::metrics::heatmap;
@@ -19,8 +19,8 @@ use std::process::ExitCode;
 /// Options of the statistical comparison.
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// Test whether two noisy pictures have the same expected values, within --tolerance: pixel by pixel, in tiles, in the
-    /// mean, and by the spread of the differences. The noise is known from --repeat-a and --repeat-b, else from the
+    /// Test whether two noisy pictures have the same expected values, within --tolerance: pixel by pixel, in tiles, in
+    /// the mean, and by the spread of the differences. The noise is known from --repeat-a and --repeat-b, else from the
     /// layer 'variance', else from the layers 'half_a' and 'half_b' (cumulo render --aov variance,halves)
     #[arg(long, conflicts_with_all = ["display", "flip", "report", "beside"])]
     statistical: bool,
@@ -123,8 +123,8 @@ impl Arguments {
 /// Runs the statistical comparison of two pictures.
 ///
 /// # Errors
-/// If a picture cannot be read, the noise of a side is not known, the sizes differ, more memory is needed than is allowed,
-/// or the heat map cannot be written.
+/// If a picture cannot be read, the noise of a side is not known, the sizes differ, more memory is needed than is
+/// allowed, or the heat map cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
     let stage = output.stage("testing");
     let question = arguments.statistical.question(arguments.tolerance)?;

@@ -1,7 +1,7 @@
 //! What a stage is to hold: volumes with their media, and lights, from options or from a scene file.
 
 use super::Author;
-use crate::cli::render::scattering::Sky;
+use crate::app::pictures::scattering::Sky;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::{self, LightEntry, MediumEntry, SceneFile, VelocityEntry, VolumeEntry};

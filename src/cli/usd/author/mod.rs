@@ -5,13 +5,13 @@ mod content;
 mod report;
 mod volumes;
 
+use crate::app::outputs::{self, Content as Kind};
+use crate::app::pictures::scattering::Sky;
+use crate::app::provenance::Provenance;
+use crate::app::up::UpChoice;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::outputs::{self, Content as Kind};
 use crate::cli::parse;
-use crate::cli::provenance::Provenance;
-use crate::cli::render::scattering::Sky;
-use crate::cli::up::UpChoice;
 use crate::error::{Error, Result};
 use crate::formats::sequence::Frames;
 use crate::formats::usd::write::camera::CameraPrim;
@@ -134,7 +134,7 @@ impl Author {
     /// # Errors
     /// If inputs cannot be read or used, another command wrote the stage that lies there, or it cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut provenance = Provenance::begin();
+        let mut provenance = Provenance::begin(output);
         let limits = self.memory.limits();
         outputs::file(&self.output, Kind::UsdText)?;
         self.spare(&provenance.command)?;
@@ -147,9 +147,9 @@ impl Author {
         ["Lights", "Cameras"].into_iter().for_each(|name| drop(names.take(name)));
         for source in &content.volumes {
             let files = volumes::files(source, self.frames)?;
-            let bar = output.progress(files.len() as u64, "reading");
+            let bar = output.steps(files.len() as u64, "reading");
             let mut volume = volumes::volume(source, &files, &self.grid, &self.output, limits, &mut || bar.inc(1))?;
-            bar.finish_and_clear();
+            drop(bar);
             volume.name = names.take(&volume.name);
             volumes.push(volume);
             provenance.input(&source.file, files.iter().map(|(_, path)| path.as_path()))?;

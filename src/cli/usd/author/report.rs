@@ -1,11 +1,11 @@
 //! The report on a stage that was written.
 
 use super::volumes;
-use crate::cli::provenance::Provenance;
-use crate::cli::up::ChosenUp;
+use crate::app::checks::Warning;
+use crate::app::provenance::Provenance;
+use crate::app::up::ChosenUp;
 use crate::formats::usd::write::stage::{ROOT, StageText};
 use crate::formats::usd::write::volume::VolumePrim;
-use crate::optimise::plausibility::Warning;
 use crate::text::printable;
 use serde::Serialize;
 use std::fmt;
@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// Report on a stage that was written.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Report {
-    #[serde(serialize_with = "crate::cli::paths::text")]
+    #[serde(serialize_with = "crate::app::paths::text")]
     output: PathBuf,
     /// Up axis of the stage.
     up: ChosenUp,
@@ -103,6 +103,6 @@ impl fmt::Display for Report {
                 writeln!(f, "    from {low:?} to {high:?}")?;
             }
         }
-        crate::cli::run::write_warnings(f, &self.warnings)
+        crate::app::run::write_warnings(f, &self.warnings)
     }
 }

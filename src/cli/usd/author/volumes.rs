@@ -1,6 +1,7 @@
 //! Volumes of a stage, read from their files.
 
 use super::content::{DENSITY, Source};
+use crate::app::checks::Warning;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::sequence::{Frames, Pattern};
@@ -9,7 +10,6 @@ use crate::formats::usd::write::names::Names;
 use crate::formats::usd::write::places::relative;
 use crate::formats::usd::write::volume::{VolumeFrame, VolumePrim};
 use crate::formats::vdb::File;
-use crate::optimise::plausibility::Warning;
 use std::path::{Path, PathBuf};
 
 /// Files of a volume, by time code where it is a sequence.

@@ -26,8 +26,8 @@ const CELLS: [usize; 2] = [80, 24];
 const CELL: usize = 9;
 
 impl Graphics {
-    /// Returns what the environment says the terminal can do; blocks unless it is sure. `variable` returns the value of an
-    /// environment variable.
+    /// Returns what the environment says the terminal can do; blocks unless it is sure. `variable` returns the value of
+    /// an environment variable.
     pub fn detected(variable: impl Fn(&str) -> Option<String>) -> Self {
         let get = |name: &str| variable(name).unwrap_or_default();
         let (term, program) = (get("TERM"), get("TERM_PROGRAM"));

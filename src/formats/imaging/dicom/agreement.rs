@@ -4,8 +4,8 @@ use super::file::{File, Pixels};
 use super::placement::{Plane, name};
 use crate::error::{Error, Result};
 
-/// Makes sure that slices hold values of one meaning, and notes what only looks as if they did not: each slice is decoded and
-/// rescaled as its own file says.
+/// Makes sure that slices hold values of one meaning, and notes what only looks as if they did not: each slice is
+/// decoded and rescaled as its own file says.
 ///
 /// # Errors
 /// If low values are shown bright in some slices and dark in others, so that one of them may be inverted.
@@ -24,8 +24,8 @@ pub fn check(files: &[File], planes: &[Plane], notes: &mut Vec<String>) -> Resul
     }
     if let Some((odd, usual)) = odd(planes, |plane| files[plane.file].pixels) {
         notes.push(format!(
-            "{} holds {}, and other slices, such as {}, {}; each is read as its own header says, and one that differs from its \
-             neighbors is to be exported again",
+            "{} holds {}, and other slices, such as {}, {}; each is read as its own header says, and one that differs \
+             from its neighbors is to be exported again",
             name(files, odd),
             described(files[odd.file].pixels),
             name(files, usual),
@@ -37,8 +37,8 @@ pub fn check(files: &[File], planes: &[Plane], notes: &mut Vec<String>) -> Resul
     let without: Vec<Plane> = planes.iter().filter(|plane| rescaled(plane) != stated).copied().collect();
     if let Some(first) = without.first() {
         notes.push(format!(
-            "{} of {} slices, the first of them {}, lack a rescale slope or intercept that others state; a slope of 1 and an \
-             intercept of 0 are taken for what is missing",
+            "{} of {} slices, the first of them {}, lack a rescale slope or intercept that others state; a slope of 1 \
+             and an intercept of 0 are taken for what is missing",
             without.len(),
             planes.len(),
             name(files, *first)

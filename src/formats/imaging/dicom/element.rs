@@ -160,7 +160,7 @@ impl Elements {
     fn keep(&mut self, bytes: u64) -> Result<()> {
         self.budget = self.budget.checked_sub(bytes + 128).ok_or_else(|| {
             Error::unsupported("the descriptions of the frames do not fit into the memory allowed")
-                .hint("raise --max-memory if the file is to be trusted")
+                .hint("raise ⟨max_memory⟩ if the file is to be trusted")
         })?;
         Ok(())
     }

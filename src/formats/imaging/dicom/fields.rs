@@ -106,8 +106,8 @@ impl Fields<'_> {
             let (slope, intercept) = (fields.number(SLOPE)?, fields.number(INTERCEPT)?);
             if slope == Some(0.0) {
                 return Err(damaged(format!(
-                    "the slope that stored values are multiplied by, element {}, is 0, which leaves nothing of them; another \
-                     number is expected",
+                    "the slope that stored values are multiplied by, element {}, is 0, which leaves nothing of them; \
+                     another number is expected",
                     shown(SLOPE)
                 )));
             }

@@ -178,7 +178,7 @@ fn layout(fields: &Fields, head: Head) -> Result<Pixels> {
     let photometric = fields.text(PHOTOMETRIC).unwrap_or_default();
     if samples != 1 || !(photometric.is_empty() || photometric.starts_with("MONOCHROME")) {
         return Err(Error::unsupported(format!("pixels of {samples} samples ({photometric}); one grey value is read"))
-            .hint("choose a series of grey values with --series"));
+            .hint("choose a series of grey values with ⟨series⟩"));
     }
     match head.tag {
         FLOAT_PIXELS => return Ok(Pixels::Float),
@@ -199,7 +199,8 @@ fn layout(fields: &Fields, head: Head) -> Result<Pixels> {
     Ok(Pixels::Integer { allocated, stored, shift: high + 1 - stored, signed })
 }
 
-/// Refuses a number of frames that the pixels or the memory do not have room for, before anything is allocated for them.
+/// Refuses a number of frames that the pixels or the memory do not have room for, before anything is allocated for
+/// them.
 fn room(frames: usize, frame_bytes: usize, head: Head, limits: Limits) -> Result<()> {
     let needed = (frames as u64).saturating_mul(frame_bytes as u64);
     if let Some(length) = head.length.filter(|length| u64::from(*length) < needed) {
@@ -208,13 +209,13 @@ fn room(frames: usize, frame_bytes: usize, head: Head, limits: Limits) -> Result
     let descriptions = (frames as u64).saturating_mul(size_of::<Frame>() as u64);
     if descriptions > limits.max_memory / 4 {
         return Err(Error::unsupported(format!("the places of {frames} frames do not fit into the memory allowed"))
-            .hint("raise --max-memory if the file is to be trusted"));
+            .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
     }
     Ok(())
 }
 
-/// Frames of a file that states the position of the first one alone, along the normal: at the offsets of a radiation dose,
-/// else in even steps of the thickness, if there is one. True for the latter.
+/// Frames of a file that states the position of the first one alone, along the normal: at the offsets of a radiation
+/// dose, else in even steps of the thickness, if there is one. True for the latter.
 fn stepped(fields: &Fields, shared: &Frame, frames: usize, (first, normal): (DVec3, DVec3)) -> (Vec<Frame>, bool) {
     let stated = fields.text(FRAME_OFFSETS).and_then(|text| Fields::list(&text)).filter(|list| list.len() == frames);
     let even = stated.is_none();

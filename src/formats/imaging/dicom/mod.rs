@@ -1,9 +1,9 @@
 //! DICOM series: the files of a folder that belong together, or one file of many frames.
 //!
-//! Slices are sorted by their positions along the normal of the image plane, and the step from one to the next comes from
-//! these positions, so that the tilt of a gantry becomes a shear. DICOM's axes, left, posterior, superior, are brought to
-//! right, anterior, superior; units are millimetres. Rescale slope and intercept are applied, so that CT comes in
-//! Hounsfield units; windows are for displays and are not applied.
+//! Slices are sorted by their positions along the normal of the image plane, and the step from one to the next comes
+//! from these positions, so that the tilt of a gantry becomes a shear. DICOM's axes, left, posterior, superior, are
+//! brought to right, anterior, superior; units are millimetres. Rescale slope and intercept are applied, so that CT
+//! comes in Hounsfield units; windows are for displays and are not applied.
 //!
 //! Elements are read by code of this crate, which bounds what a damaged length can make it allocate.
 //!
@@ -40,9 +40,9 @@ pub fn is_series(folder: &Path) -> bool {
 /// Opens a series: that of a file, or of a folder.
 ///
 /// # Errors
-/// If no file is DICOM, there are several series and the options choose none, a file of the series cannot be read, slices
-/// are missing, doubled or differ in size, orientation or in whether low values are shown bright, or pixels are packed in a way
-/// that is not read.
+/// If no file is DICOM, there are several series and the options choose none, a file of the series cannot be read,
+/// slices are missing, doubled or differ in size, orientation or in whether low values are shown bright, or pixels are
+/// packed in a way that is not read.
 pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
     let mut notes = Vec::new();
     let series = series::gather(path, options.series.as_deref(), limits, &mut notes)?;

@@ -15,7 +15,8 @@ const COSINE: f64 = 1e-3;
 const GAP: f64 = 0.01;
 /// Largest difference of two positions that counts as rounding, in millimetres: exporters write three digits or more.
 const ROUNDING: f64 = 2e-3;
-/// Largest difference of two positions that counts as rounding, relative to the edge of a pixel, for voxels of micrometres.
+/// Largest difference of two positions that counts as rounding, relative to the edge of a pixel, for voxels of
+/// micrometres.
 const FINE: f64 = 0.02;
 
 /// A slice: a frame of a file.
@@ -55,7 +56,8 @@ pub fn name(files: &[File], plane: Plane) -> String {
 /// Arranges the frames of a series.
 ///
 /// # Errors
-/// If slices differ in size or orientation, lie unevenly, are missing or doubled, or do not say how large their pixels are.
+/// If slices differ in size or orientation, lie unevenly, are missing or doubled, or do not say how large their pixels
+/// are.
 pub fn stack(series: &Series, options: &Options, notes: &mut Vec<String>) -> Result<Stack> {
     let files = &series.files[..];
     let planes: Vec<Plane> =
@@ -106,7 +108,7 @@ fn refuse_placement(options: &Options) -> Result<()> {
     if options.origin.is_none() && options.transform.is_none() {
         return Ok(());
     }
-    Err(Error::invalid("the slices say where they lie, which --origin and --transform do not change")
+    Err(Error::invalid("the slices say where they lie, which ⟨origin⟩ and ⟨transform⟩ do not change")
         .hint("leave these options out"))
 }
 
@@ -116,9 +118,9 @@ fn spacing(files: &[File], planes: &[Plane], options: &Options) -> Result<[f64; 
     let stated = planes.first().and_then(of);
     if let (Some([rows, columns]), Some(_)) = (stated, options.spacing) {
         return Err(Error::invalid(format!(
-            "the files state pixels of {columns} x {rows} mm, which --spacing does not change"
+            "the files state pixels of {columns} x {rows} mm, which ⟨spacing⟩ does not change"
         ))
-        .hint("leave --spacing and --voxel-size out"));
+        .hint("leave ⟨spacing⟩ and ⟨voxel_size⟩ out"));
     }
     if let Some([rows, columns]) = stated.filter(|s| s.iter().any(|d| *d <= 0.0)) {
         return Err(damaged(format!(
@@ -137,7 +139,7 @@ fn spacing(files: &[File], planes: &[Plane], options: &Options) -> Result<[f64; 
     }
     let spacing = stated.or(options.spacing.map(|s| [s.y, s.x])).filter(|s| s.iter().all(|d| *d > 0.0));
     spacing.ok_or_else(|| {
-        Error::invalid("the series does not say how large its pixels are").hint("give --spacing X,Y,Z in millimetres")
+        Error::invalid("the series does not say how large its pixels are").hint("give ⟨spacing=X,Y,Z⟩ in millimetres")
     })
 }
 

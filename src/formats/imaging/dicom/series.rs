@@ -45,12 +45,12 @@ pub struct Series {
     pub named: Option<usize>,
 }
 
-/// Reads the descriptions of the files of one series: that of `path` if it is a file, else the only one of the folder, or
-/// that which `wanted` names.
+/// Reads the descriptions of the files of one series: that of `path` if it is a file, else the only one of the folder,
+/// or that which `wanted` names.
 ///
 /// # Errors
-/// If there is no such series, several and none is named, or a file of the folder cannot be read that is one of the series
-/// or may be.
+/// If there is no such series, several and none is named, or a file of the folder cannot be read that is one of the
+/// series or may be.
 pub fn gather(path: &Path, wanted: Option<&str>, limits: Limits, notes: &mut Vec<String>) -> Result<Series> {
     if path.is_dir() {
         let files = Folder::read(path, limits)?.series(wanted, notes)?;
@@ -128,21 +128,21 @@ impl<'p> Folder<'p> {
             None if self.series.len() > 1 => {
                 return Err(Error::invalid(format!("the folder holds several series: {list}"))
                     .at(self.path)
-                    .hint("choose one with --series UID"));
+                    .hint("choose one with ⟨series=UID⟩"));
             }
             None => self.series.pop_first(),
         };
         let (uid, files) = chosen.ok_or_else(|| {
             Error::invalid(format!("no series {}; the folder holds {list}", wanted.unwrap_or_default()))
                 .at(self.path)
-                .hint("choose one of these with --series UID")
+                .hint("choose one of these with ⟨series=UID⟩")
         })?;
         self.refuse_lost(&uid, &files, notes)?;
         Ok(files)
     }
 
-    /// Refuses a folder with a file that cannot be read and is one of the series, or may be: what is left would be another
-    /// volume. Files of other series, and files that are no images, are noted.
+    /// Refuses a folder with a file that cannot be read and is one of the series, or may be: what is left would be
+    /// another volume. Files of other series, and files that are no images, are noted.
     fn refuse_lost(self, series: &str, files: &[File], notes: &mut Vec<String>) -> Result<()> {
         let advice =
             "copy the file again from where it was made, or move it out of the folder if it is none of the series";
@@ -181,7 +181,8 @@ fn shown(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// True if a file has an ending of DICOM, or the name of a slice but for its numbers. Files that systems hide have neither.
+/// True if a file has an ending of DICOM, or the name of a slice but for its numbers. Files that systems hide have
+/// neither.
 fn is_named_as_slice(path: &Path, files: &[File]) -> bool {
     let name = shown(path);
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();

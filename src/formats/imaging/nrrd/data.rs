@@ -91,8 +91,8 @@ impl Data {
         Ok(Self { files, from, encoding, sample, endian, byte_skip, line_skip })
     }
 
-    /// Slices of the volume of `count` numbers that begins at number `first` of those of a file, if each of its numbers follows
-    /// the one before.
+    /// Slices of the volume of `count` numbers that begins at number `first` of those of a file, if each of its numbers
+    /// follows the one before.
     pub fn slices(&self, file: &Path, (first, count): (u64, u64), total: Option<u64>) -> Result<Box<dyn Slices>> {
         let [bytes, own] = [first, count].map(|n| n.saturating_mul(self.sample.bytes() as u64));
         let mut from = self.from;

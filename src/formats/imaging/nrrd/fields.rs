@@ -58,7 +58,8 @@ pub fn directions(text: &str) -> Result<Vec<Option<DVec3>>> {
     Ok(found)
 }
 
-/// Returns the text behind a vector of `nan`, by which some writers say that an axis is not in space; none if there is no such vector.
+/// Returns the text behind a vector of `nan`, by which some writers say that an axis is not in space; none if there is
+/// no such vector.
 fn unknown(text: &str) -> Option<&str> {
     let (inner, after) = text.strip_prefix('(')?.split_once(')')?;
     let nan = inner.split(',').all(|word| word.trim().eq_ignore_ascii_case("nan"));

@@ -57,11 +57,14 @@ impl Layout {
         let contiguous = space.windows(2).all(|w| w[1] == w[0] + 1);
         if space.is_empty() || space.len() > 3 || components == Some(rank) || !ends(components) || !contiguous {
             return Err(Error::unsupported(format!(
-                "{rank} axes of {sizes:?} entries, of which {} are in space; up to three are read, with components or points \
-                 in time before or after them",
+                "{rank} axes of {sizes:?} entries, of which {} are in space; up to three are read, with components or \
+                 points in time before or after them",
                 space.len()
             ))
-            .hint("set 'kinds' or 'space directions' so that the axes in space can be told, or write one volume of the file"));
+            .hint(
+                "set 'kinds' or 'space directions' so that the axes in space can be told, or write one volume of the \
+                   file",
+            ));
         }
         Ok(Self { space, components, list, sizes })
     }

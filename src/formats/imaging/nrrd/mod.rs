@@ -52,7 +52,8 @@ fn placement(fields: &Fields, layout: &Layout, notes: &mut Vec<String>) -> Resul
     }
 }
 
-/// Note about the units of length, where they are stated and no millimetres: names in quotes, those of space or of all axes.
+/// Note about the units of length, where they are stated and no millimetres: names in quotes, those of space or of all
+/// axes.
 fn unit(fields: &Fields, layout: &Layout) -> Option<String> {
     let names = |text: &str| text.split('"').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
     let mut units = match (fields.get(&["space units"]), fields.get(&["units"])) {

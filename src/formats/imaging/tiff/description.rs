@@ -117,8 +117,8 @@ impl Description {
         let count = |key| get(key).and_then(|v| v.parse().ok()).filter(|n: &usize| *n > 0);
         let unit = |axis: char| get(&format!("PhysicalSize{axis}Unit"));
         let first = unit('X').unwrap_or_else(|| "µm".into());
-        // Distance in the unit of x, which writers mean for the other axes, too, where they leave it out; none if the units
-        // cannot be compared.
+        // Distance in the unit of x, which writers mean for the other axes, too, where they leave it out; none if the
+        // units cannot be compared.
         let size = |axis: char| {
             let (size, own) = (number(&format!("PhysicalSize{axis}"))?, unit(axis));
             match own.filter(|own| *own != first) {
@@ -159,7 +159,8 @@ mod tests {
         let order = d.order(12);
         assert_eq!((order.slices, order.channels, order.times, order.page(1, 2, 1)), (3, 2, 2, 1 + 2 * 2 + 6));
         assert!(order.filter_for(1).is_none());
-        let text = r#"<?xml version="1.0"?><OME xmlns="x"><Image><Pixels DimensionOrder="XYZTC" SizeC="2" SizeT="1" SizeZ="4"
+        let text = r#"<?xml version="1.0"?><OME xmlns="x"><Image><Pixels DimensionOrder="XYZTC" SizeC="2" SizeT="1"
+            SizeZ="4"
             PhysicalSizeX="0.1" PhysicalSizeY="0.2" PhysicalSizeZ="0.3" PhysicalSizeXUnit="nm"/></Image></OME>"#;
         let d = Description::parse(text, None).unwrap();
         assert_eq!((d.spacing, d.depth, d.unit.as_str()), (Some([0.1, 0.2]), Some(0.3), "nm"));

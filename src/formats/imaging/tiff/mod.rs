@@ -1,8 +1,8 @@
 //! Stacks of TIFF: the pages of one file, or one file for each slice, in a folder or by a pattern.
 //!
-//! A page's columns run along x and its rows along y, the first row at y = 0; pages follow each other along z. Microscopes'
-//! files with several channels give a grid for each. Spacings are taken from ImageJ's and OME's descriptions; others' resolutions
-//! are those of a print, and say nothing of a volume.
+//! A page's columns run along x and its rows along y, the first row at y = 0; pages follow each other along z.
+//! Microscopes' files with several channels give a grid for each. Spacings are taken from ImageJ's and OME's
+//! descriptions; others' resolutions are those of a print, and say nothing of a volume.
 
 mod description;
 mod listing;
@@ -89,13 +89,16 @@ fn place(
     let stated = description.and_then(|d| d.spacing.map(|spacing| (spacing, d.depth, d.unit.as_str())));
     let Some(([x, y], depth, unit)) = stated else {
         return Err(Error::invalid("the stack does not say how large its voxels are")
-            .hint("give --voxel-size EDGE, or --spacing X,Y,Z"));
+            .hint("give ⟨voxel_size=EDGE⟩, or ⟨spacing=X,Y,Z⟩"));
     };
     let z = depth.unwrap_or(1.0);
     notes.push(if depth.is_some() || slices == 1 {
         format!("spacing {x} x {y} x {z} {unit}, as the file states")
     } else {
-        format!("spacing {x} x {y} {unit}, as the file states, which does not say how far slices are apart; 1 {unit} was taken")
+        format!(
+            "spacing {x} x {y} {unit}, as the file states, which does not say how far slices are apart; 1 {unit} \
+                 was taken"
+        )
     });
     options.moved(&placement::affine([DVec3::X * x, DVec3::Y * y, DVec3::Z * z], DVec3::ZERO)?)
 }

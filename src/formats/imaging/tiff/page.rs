@@ -52,7 +52,7 @@ fn failed(error: TiffError) -> Error {
                 .hint("save it again without compression, as grey values of 8, 16 or 32 bits")
         }
         TiffError::LimitsExceeded => Error::unsupported("a page needs more memory than is allowed")
-            .hint("raise --max-memory if the file is to be trusted"),
+            .hint("raise ⟨max_memory⟩ if the file is to be trusted"),
         TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof && e.raw_os_error().is_some() => {
             Error::system(e)
         }
@@ -166,7 +166,8 @@ impl Pages {
     /// Reads the values of the current page as they are stored, row by row, the components of a pixel together.
     pub fn read(&mut self, values: &mut [f64]) -> Result<()> {
         self.check_parts()?;
-        // The decoder subtracts such values from the largest one, which is undone for integers; from floats it is 1, which rounds.
+        // The decoder subtracts such values from the largest one, which is undone for integers; from floats it is 1,
+        // which rounds.
         let inverted = self.is_inverted()?;
         if inverted && !self.kind()?.integer {
             return Err(Error::unsupported("floats whose low values are shown bright (MinIsWhite) are not read")

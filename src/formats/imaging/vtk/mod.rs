@@ -1,7 +1,7 @@
 //! VTK's regular grids: image data in XML (`.vti`) and structured points of the legacy format (`.vtk`).
 //!
-//! Coordinates are taken as they are. Point data have their values at the grid's points. A cell is centred half a spacing
-//! further in along each axis that has cells.
+//! Coordinates are taken as they are. Point data have their values at the grid's points. A cell is centred half a
+//! spacing further in along each axis that has cells.
 
 mod base64;
 mod blocks;

@@ -1,4 +1,5 @@
-//! Tags of an XML file with their places, found without holding the text between them: arrays may be larger than memory.
+//! Tags of an XML file with their places, found without holding the text between them: arrays may be larger than
+//! memory.
 
 use crate::error::{Error, Result};
 use crate::formats::input;

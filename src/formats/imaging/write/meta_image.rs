@@ -50,8 +50,8 @@ fn header(source: &Source, data: &str) -> (String, Vec<String>) {
     };
     let text = format!(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n\
-         TransformMatrix = {}\nOffset = {}\nCenterOfRotation = 0 0 0\nElementSpacing = {}\nDimSize = {x} {y} {z}\n{channels}\
-         ElementType = {}\nElementDataFile = {data}\n",
+         TransformMatrix = {}\nOffset = {}\nCenterOfRotation = 0 0 0\nElementSpacing = {}\nDimSize = {x} {y} \
+         {z}\n{channels}ElementType = {}\nElementDataFile = {data}\n",
         numbers(directions),
         numbers(map.w_axis.truncate().to_array()),
         numbers(spacing),

@@ -66,7 +66,8 @@ impl Target {
 /// Writes a grid, and returns what the format could not hold, one sentence each.
 ///
 /// # Errors
-/// If the format cannot hold the grid's placement or size, or the operating system reports an error. Nothing is left behind.
+/// If the format cannot hold the grid's placement or size, or the operating system reports an error. Nothing is left
+/// behind.
 pub fn write(path: &Path, target: Target, source: &Source, name: &str, axes: Axes) -> Result<Vec<String>> {
     match target {
         Target::Nifti => nifti::write(path, source, false),

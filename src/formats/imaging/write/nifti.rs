@@ -8,7 +8,8 @@ use crate::formats::sample::Sample;
 use glam::{DMat3, DMat4, DQuat};
 use std::path::Path;
 
-/// Cosine of two axes from which on they count as not orthogonal: single precision, which the qform has, rounds by 6e-8.
+/// Cosine of two axes from which on they count as not orthogonal: single precision, which the qform has, rounds by
+/// 6e-8.
 const SHEAR: f64 = 1e-6;
 
 /// Qform of a map: sizes, whether the third axis is mirrored, and the quaternion's imaginary parts.

@@ -8,7 +8,8 @@ use crate::formats::imaging::source::Source;
 use crate::formats::npy;
 use std::path::Path;
 
-/// Writes `array[x, y, z]` or `array[z, y, x]`, the last axis fastest; a last axis of three has the components of vectors.
+/// Writes `array[x, y, z]` or `array[z, y, x]`, the last axis fastest; a last axis of three has the components of
+/// vectors.
 pub fn write(path: &Path, source: &Source, axes: Axes) -> Result<Vec<String>> {
     source.count()?;
     let [x, y, z] = source.size;

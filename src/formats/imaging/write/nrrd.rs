@@ -39,8 +39,8 @@ pub fn write(path: &Path, source: &Source) -> Result<Vec<String>> {
         kinds.insert(0, "vector");
     }
     let header = format!(
-        "NRRD0004\ntype: {}\ndimension: {}\nspace: left-posterior-superior\nsizes: {}\nspace directions: {}\nkinds: {}\n\
-         endian: little\nencoding: gzip\nspace origin: {}\n\n",
+        "NRRD0004\ntype: {}\ndimension: {}\nspace: left-posterior-superior\nsizes: {}\nspace directions: {}\nkinds: \
+         {}\nendian: little\nencoding: gzip\nspace origin: {}\n\n",
         type_name(source.sample),
         sizes.len(),
         sizes.join(" "),

@@ -38,7 +38,7 @@ pub fn write(path: &Path, source: &Source, name: &str) -> Result<Vec<String>> {
     let cosines = [turn.x_axis.dot(turn.y_axis), turn.y_axis.dot(turn.z_axis), turn.x_axis.dot(turn.z_axis)];
     if cosines.iter().any(|c| c.abs() > SHEAR) {
         return Err(Error::unsupported("the voxels are sheared, which image data of VTK cannot hold")
-            .hint("write .nrrd or .nii, which can, or resample to cubic voxels first: cumulo convert --resample"));
+            .hint("write .nrrd or .nii, which can, or resample to cubic voxels first: ⟨convert.resample⟩"));
     }
     let bytes = source.count()? * source.sample.bytes() as u64;
     let [x, y, z] = source.size.map(|n| n - 1);

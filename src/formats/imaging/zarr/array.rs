@@ -48,7 +48,8 @@ pub struct Array {
     separator: char,
 }
 
-/// Text between the numbers of a chunk's name, of which the specification knows two: others could lead out of the folder.
+/// Text between the numbers of a chunk's name, of which the specification knows two: others could lead out of the
+/// folder.
 fn separator(stated: Option<&Value>, usual: char) -> Result<char> {
     match stated.map(|value| (value, value.as_str())) {
         None | Some((Value::Null, _)) => Ok(usual),
@@ -317,7 +318,8 @@ mod tests {
         assert!(three.fill.is_nan() && three.codecs == [Codec::Zstd] && three.file(&[1, 0]).to_str() == Some("c/1/0"));
         let mut sharded = v3();
         sharded["codecs"] = json!([{"name": "sharding_indexed", "configuration": {"chunk_shape": [2, 2],
-            "codecs": [{"name": "bytes"}, {"name": "gzip"}], "index_codecs": [{"name": "bytes"}, {"name": "crc32c"}]}}]);
+            "codecs": [{"name": "bytes"}, {"name": "gzip"}],
+            "index_codecs": [{"name": "bytes"}, {"name": "crc32c"}]}}]);
         let sharded = parse(3, sharded).unwrap();
         assert_eq!((sharded.chunk.clone(), sharded.file(&[3, 1])), (vec![2, 2], PathBuf::from("c/1/0")));
         assert_eq!(sharded.shards, Some(Shards { shape: vec![4, 4], at_end: true, checksum: true }));

@@ -111,7 +111,8 @@ impl Axes {
         }
     }
 
-    /// Indices along all axes, of which those of space are 0: the point in time and the channel that the options choose.
+    /// Indices along all axes, of which those of space are 0: the point in time and the channel that the options
+    /// choose.
     ///
     /// # Errors
     /// If one of them is not there.
@@ -127,12 +128,12 @@ impl Axes {
         let channels = self.channel.map_or(1, length);
         if channel >= channels {
             return Err(Error::invalid(format!("there is no channel {channel}; the image has {channels}"))
-                .hint(format!("give --channel 0 to {}", channels.saturating_sub(1))));
+                .hint(format!("give ⟨channel=0⟩ to {}", channels.saturating_sub(1))));
         }
         if let Some(axis) = self.channel {
             point[axis] = channel as u64;
             if channels > 1 && options.channel.is_none() {
-                notes.push(format!("the first of {channels} channels was read; --channel N reads another"));
+                notes.push(format!("the first of {channels} channels was read; ⟨channel=N⟩ reads another"));
             }
         }
         Ok(point)

@@ -53,7 +53,7 @@ impl Chunks {
                 needed.map_or_else(|| "more than 2⁶⁴".to_owned(), |n| n.to_string()),
                 limits.max_memory
             );
-            Error::unsupported(what).hint("raise --max-memory, or choose a coarser --level")
+            Error::unsupported(what).hint("raise ⟨max_memory⟩, or choose a coarser ⟨level⟩")
         })?;
         let chunk_bytes =
             chunk.and_then(|n| usize::try_from(n).ok()).ok_or_else(|| wrong("chunks too large to count"))?;

@@ -1,8 +1,8 @@
 //! OME-Zarr images (NGFF 0.4 on Zarr 2, 0.5 on Zarr 3) and bare Zarr arrays, in local folders.
 //!
 //! NGFF's scale and translation map indices to the world, in the units of its axes; they are taken for the centres of
-//! voxels, as its coordinates are elsewhere. Axes go by their names: x, y and z, and t and c, of which one point and one
-//! channel is read. Chunks are read layer by layer, so that only the chunks of one z are in memory.
+//! voxels, as its coordinates are elsewhere. Axes go by their names: x, y and z, and t and c, of which one point and
+//! one channel is read. Chunks are read layer by layer, so that only the chunks of one z are in memory.
 //!
 //! Sources: the specifications of [Zarr 2](https://zarr-specs.readthedocs.io/en/latest/v2/v2.0.html),
 //! [Zarr 3](https://zarr-specs.readthedocs.io/en/latest/v3/core/index.html) and
@@ -47,8 +47,8 @@ pub fn is_zarr(path: &Path) -> bool {
 ///
 /// # Errors
 /// If the metadata cannot be read or contradicts the specifications, the array has axes beside x, y, z, t and c, it is
-/// packed by a codec that is not read, it does not say how large its voxels are and neither do the options, or a layer of
-/// chunks does not fit into the limits.
+/// packed by a codec that is not read, it does not say how large its voxels are and neither do the options, or a layer
+/// of chunks does not fit into the limits.
 pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
     let folder = folder(path).ok_or_else(|| {
         Error::invalid("no Zarr image or array: neither zarr.json nor .zarray, .zattrs or .zgroup is there")
@@ -85,7 +85,7 @@ fn bare(folder: &Path, document: &Document, options: &Options, limits: Limits) -
     let Some(index_to_world) = options.placement().map_err(place)? else {
         return Err(Error::invalid("a bare array does not say how large its voxels are")
             .at(folder)
-            .hint("give --voxel-size or --spacing, or name the folder of the image that the array belongs to"));
+            .hint("give ⟨voxel_size⟩ or ⟨spacing⟩, or name the folder of the image that the array belongs to"));
     };
     image(folder, array, axes, (None, index_to_world, notes), options, limits)
 }

@@ -138,7 +138,7 @@ pub(super) fn open(folder: &Path, multiscales: &[Value], options: &Options, limi
         Some(n) if n < levels.len() => n,
         Some(n) => {
             let what = format!("there is no level {n}; the image has {}", levels.len());
-            return Err(place(Error::invalid(what).hint(format!("give --level 0 to {}", levels.len() - 1))));
+            return Err(place(Error::invalid(what).hint(format!("give ⟨level=0⟩ to {}", levels.len() - 1))));
         }
         None => levels.iter().position(fits).unwrap_or(levels.len() - 1),
     };
@@ -146,7 +146,7 @@ pub(super) fn open(folder: &Path, multiscales: &[Value], options: &Options, limi
         let size =
             |(n, level): (usize, &Level)| format!("{n}: {} x {} x {}", level.size[0], level.size[1], level.size[2]);
         let all: Vec<String> = levels.iter().enumerate().map(size).collect();
-        notes.push(format!("level {number} was read, the finest that fits; --level chooses among {}", all.join(", ")));
+        notes.push(format!("level {number} was read, the finest that fits; ⟨level⟩ chooses among {}", all.join(", ")));
     }
     let Some(level) = levels.into_iter().nth(number) else { return Err(place(wrong("the image has no levels"))) };
     let index_to_world = match options.placement().map_err(place)? {

@@ -15,7 +15,7 @@ use serde::Serialize;
 /// Description of a transfer function that is chosen by name.
 #[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Builtin {
-    /// Name, as `--tf` takes it.
+    /// Name, as `tf` takes it.
     pub name: &'static str,
     /// Densities at its two ends.
     pub range: [f64; 2],

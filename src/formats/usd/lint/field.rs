@@ -58,7 +58,7 @@ pub(super) fn assets(prim: &Prim) -> Vec<(Option<f64>, Asset)> {
 fn unreadable(prim: &Prim, shown: &Path, error: &Error) -> Finding {
     let part = error.place().map(|place| format!("{place}: ")).unwrap_or_default();
     let what = format!("{} cannot be read: {part}{}", shown.display(), error.what());
-    Finding::problem("unreadable-file", Some(&prim.path), what, error.remedy().unwrap_or("write the file again"))
+    Finding::problem("unreadable-file", Some(&prim.path), what, error.remedy().unwrap_or("write the file again".into()))
 }
 
 /// Returns the grid that a field names in a file, given by its place and by its name in messages.

@@ -58,8 +58,8 @@ fn default_prim(stage: &Stage, findings: &mut Vec<Finding>) {
     findings.push(Finding::problem("default-prim", None, what, remedy).fixed_by(fix));
 }
 
-/// Compares the stage's times with those of the files of its volumes. A shot may be longer than a volume's files, whose first
-/// and last hold then.
+/// Compares the stage's times with those of the files of its volumes. A shot may be longer than a volume's files, whose
+/// first and last hold then.
 fn times(stage: &Stage, findings: &mut Vec<Finding>) {
     let times = || sampled(stage).flat_map(|(_, attribute)| attribute.times());
     let (first, last) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));

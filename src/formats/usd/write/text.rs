@@ -189,10 +189,11 @@ mod tests {
         });
         let mut text = String::new();
         prim.write(&mut text, 0);
-        let expected = "def Xform \"World\" (\n    variants = {\n        string r = \"x\"\n    }\n    prepend variantSets = \
-                        [\"r\"]\n)\n{\n    custom double cumulo:densityScale = 2\n    int a = 1\n    int a.timeSamples = \
-                        {\n        1: 1,\n        4: None,\n    }\n    variantSet \"r\" = {\n        \"x\" {\n        \
-                        }\n    }\n\n    def Scope \"inner\"\n    {\n    }\n}\n";
+        let expected = "def Xform \"World\" (\n    variants = {\n        string r = \"x\"\n    }\n    \
+                        prepend variantSets = [\"r\"]\n)\n{\n    custom double cumulo:densityScale = 2\n    \
+                        int a = 1\n    int a.timeSamples = {\n        1: 1,\n        4: None,\n    }\n    \
+                        variantSet \"r\" = {\n        \"x\" {\n        }\n    }\n\n    \
+                        def Scope \"inner\"\n    {\n    }\n}\n";
         assert_eq!(text, expected);
     }
 }

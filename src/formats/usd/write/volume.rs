@@ -125,7 +125,7 @@ impl VolumePrim {
                         all[place].first.data_type.unwrap_or("unknown"),
                     ))
                     .hint(
-                        "a field of USD has one type: write the files again with one, or leave the grid out by --grid",
+                        "a field of USD has one type: write the files again with one, or leave the grid out by ⟨grid⟩",
                     ));
                 }
                 all[place].paths.push((frame.time, Some(&frame.path)));

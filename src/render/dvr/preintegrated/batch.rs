@@ -5,8 +5,8 @@
 //! `d` the change of the color c from its begin to its end, it adds `T (e h A + d B)`, where `A = (1 - e^{-x}) / x` and
 //! `B = A - (1 + e^{-x}) / 2`: this has no error where the color is linear in the optical depth.
 //!
-//! Where the density is a cubic, which lies by a mean deviation δ beside the line, `σ c` and σ have means that differ by
-//! δ times their mean slopes along the line, which are their differences from end to end over that of the densities.
+//! Where the density is a cubic, which lies by a mean deviation δ beside the line, `σ c` and σ have means that differ
+//! by δ times their mean slopes along the line, which are their differences from end to end over that of the densities.
 //!
 //! Loops run over plain arrays without a branch, so that compilers vectorise them for each instruction set.
 
@@ -22,8 +22,8 @@ use crate::render::curve::Curve;
 const LEAST: f64 = 1e-30;
 /// Optical depth below which B is computed from its power series.
 const THIN: f64 = 0.5;
-/// Largest mean deviation, in units of the difference of the densities, that means are corrected by: the mean slope is a
-/// quotient of differences across knots, and rounded as such.
+/// Largest mean deviation, in units of the difference of the densities, that means are corrected by: the mean slope is
+/// a quotient of differences across knots, and rounded as such.
 const MOST_SHARE: f64 = 32.0;
 /// Coefficients of the power series of B, from the second power on: `(-1)^k (1/(k+1)! - 1/(2 k!))`; the truncated terms
 /// are below 1e-14.
@@ -216,8 +216,8 @@ impl<R: Real> SegmentBatch<R> {
                 line[2] + more(slope(blue, by_blue)),
                 line[3] + more(if one_piece { by_extinction[i + 1] } else { (far - near) * inverse }),
             ];
-            // A quotient of differences is rounded as such. Neither light nor extinction is negative; next to where they
-            // end the slope is none of them.
+            // A quotient of differences is rounded as such. Neither light nor extinction is negative; next to where
+            // they end the slope is none of them.
             let share = deviation * inverse;
             let steady = one_piece | (wide & (share.greater(-share) <= R::of(MOST_SHARE)));
             let least = mean[0].lesser(mean[1]).lesser(mean[2].lesser(mean[3]));
@@ -236,8 +236,8 @@ impl<R: Real> SegmentBatch<R> {
         }
     }
 
-    /// Computes the transmittances before the segments; `transmittance` is that before the first one, and is set to that
-    /// behind the last.
+    /// Computes the transmittances before the segments; `transmittance` is that before the first one, and is set to
+    /// that behind the last.
     #[inline(always)]
     pub fn arrive(&mut self, transmittance: &mut R) {
         for four in 0..self.count / LANES {
@@ -315,8 +315,8 @@ fn powers<R: Real>(x: R) -> R {
 mod tests {
     use super::*;
 
-    /// Means over a segment of `e^{-x u}` and, times x, of `(u - 1/2) e^{-x u}`, and their derivatives; on both sides of
-    /// where powers end.
+    /// Means over a segment of `e^{-x u}` and, times x, of `(u - 1/2) e^{-x u}`, and their derivatives; on both sides
+    /// of where powers end.
     #[test]
     fn shares_are_integrals() {
         for x in [1e-9, 1e-3, 0.1, 0.499_999, 0.500_001, 2.0, 30.0, 800.0] {

@@ -2,7 +2,8 @@
 //! them, nor the color in the optical depth.
 //!
 //! [`Deviations`](super::deviation::Deviations) bounds how far the density lies from the line between two nodes, and
-//! [`Variation`](super::variation::Variation) turns that into bounds of the errors of a segment's optical depth and color.
+//! [`Variation`](super::variation::Variation) turns that into bounds of the errors of a segment's optical depth and
+//! color.
 //!
 //! If segments are exchanged one after the other, from the far end, for exact ones, each changes the pixel by at most
 //! its own error times the transmittance in front of it: the sum over the segments bounds the error of the pixel, in
@@ -52,9 +53,9 @@ impl Budget {
         Self { attempt, ..Self::default() }
     }
 
-    /// Charges the segments of a batch, before which transmittances are known. If some need nodes in between, nothing is
-    /// charged, their numbers of parts are left in the batch, and the result is false; segments that were divided `level`
-    /// times before may be too many to be divided again.
+    /// Charges the segments of a batch, before which transmittances are known. If some need nodes in between, nothing
+    /// is charged, their numbers of parts are left in the batch, and the result is false; segments that were divided
+    /// `level` times before may be too many to be divided again.
     #[inline(always)]
     pub fn charge<R: Real>(&mut self, batch: &mut SegmentBatch<R>, level: u8, tables: &Cumulative<R>) -> bool {
         batch.bound(tables, BY_ABSORPTION[self.attempt] * tables.tolerance);
@@ -94,8 +95,8 @@ impl Budget {
 }
 
 impl<R: Real> SegmentBatch<R> {
-    /// Computes bounds of the changes of the pixel that the segments cause, by densities between their ends that are not
-    /// where they are taken to be, and by colors that are taken as linear in the optical depth.
+    /// Computes bounds of the changes of the pixel that the segments cause, by densities between their ends that are
+    /// not where they are taken to be, and by colors that are taken as linear in the optical depth.
     #[inline(always)]
     fn bound(&mut self, tables: &Cumulative<R>, by_absorption: f64) {
         let count = self.count.min(ROOM);
@@ -133,7 +134,8 @@ impl<R: Real> SegmentBatch<R> {
             // all that it is.
             let correction = abs(self.deviation[i]);
             let turned = correction * inverse;
-            // Between densities that count as equal, of different pieces, the function may be anything that it is there.
+            // Between densities that count as equal, of different pieces, the function may be anything that it is
+            // there.
             let unknown = (self.piece[i] != self.piece[i + 1]) & (width <= same);
             let (least, reach) = if unknown { (R::ONE, width) } else { (R::ZERO, R::ZERO) };
             let share = ((below + above) * inverse).lesser(R::ONE).greater(least) + turned;
@@ -176,7 +178,8 @@ impl<R: Real> SegmentBatch<R> {
             let lost = if off < three { (through * growth).lesser(R::ONE) } else { R::ONE };
             let absorbed = (R::ONE - through + through * few).lesser(R::ONE);
             let moved = self.errors.light[i].lesser(absorbed * self.errors.range[i]);
-            // A color that differs from one linear in the optical depth by at most its variation, on average by nothing.
+            // A color that differs from one linear in the optical depth by at most its variation, on average by
+            // nothing.
             let across = absorbed * self.errors.color[i] * (R::of(0.25) * self.depth[i]).lesser(R::ONE);
             let within = self.color_error(i) * tables.per_brightest;
             let mixed = if self.piece[i] == self.piece[i + 1] { within } else { across };

@@ -5,14 +5,14 @@
 //! ```text
 //! e = m (u_x u_y + u_y u_z + u_z u_x) h² / 4  +  a ((u_x + u_y + u_z) h / 4 + h² / 8)
 //! ```
-//! away, with u the magnitudes of the ray's direction, m the largest mixed second difference of the voxels, which bounds
-//! the curvature within a cell, and a the largest second difference along an axis, which bounds the change of slope from
-//! cell to cell.
+//! away, with u the magnitudes of the ray's direction, m the largest mixed second difference of the voxels, which
+//! bounds the curvature within a cell, and a the largest second difference along an axis, which bounds the change of
+//! slope from cell to cell.
 //!
 //! Between nodes of one cell the density is a cubic. Its second derivative is linear in the length; with s and t that
-//! derivative times h² at the two nodes, the density's distance from the line is `-v (1 - v) ((2 - v) s + (1 + v) t) / 6`
-//! at a share v of the length. Its mean is `-(s + t) / 24`, its magnitude at most the larger one of s and t over 8, and
-//! where both have the same sign the density lies on one side of the line.
+//! derivative times h² at the two nodes, the density's distance from the line is `-v (1 - v) ((2 - v) s + (1 + v) t) /
+//! 6` at a share v of the length. Its mean is `-(s + t) / 24`, its magnitude at most the larger one of s and t over 8,
+//! and where both have the same sign the density lies on one side of the line.
 
 use super::nodes::{Corners, Nodes};
 use crate::real::{LANES, Lanes, Real};
@@ -121,8 +121,8 @@ impl<R: Real> Cubic<R> {
         [y * z, z * x, x * y]
     }
 
-    /// Returns the mixed differences of the values along y and z, z and x, x and y, on the lower faces of the cells, and
-    /// the difference from these to the upper faces, of which there is only one.
+    /// Returns the mixed differences of the values along y and z, z and x, x and y, on the lower faces of the cells,
+    /// and the difference from these to the upper faces, of which there is only one.
     #[inline(always)]
     fn differences([near, far]: &Corners<R>) -> ([R::Lanes; 3], R::Lanes) {
         let across = |v: &[R::Lanes; LANES]| v[0] - v[1] - v[2] + v[3];
@@ -165,7 +165,8 @@ impl<R: Real> Cubic<R> {
         [[yz + zx + xy, -(yz + zx), -(yz + xy), yz], [far - zx - xy, zx - far, xy - far, far]]
     }
 
-    /// Returns the derivatives of [`Cubic::deviation`] with respect to the coordinates of the first and the second ends.
+    /// Returns the derivatives of [`Cubic::deviation`] with respect to the coordinates of the first and the second
+    /// ends.
     #[inline(always)]
     pub fn by_ends(&self, corners: &Corners<R>) -> [[R::Lanes; 3]; 2] {
         let (mixed, twist) = Self::differences(corners);
@@ -203,7 +204,8 @@ mod tests {
         fn densities_deviate_by_no_more_than_the_bound(
             noise in prop::collection::vec(-1.0..1.0_f64, BRICK), rough in 0.0..1.0_f64,
             wave in prop::array::uniform3(-0.9..0.9_f64),
-            from in prop::array::uniform3(0.0..8.0_f64), to in prop::array::uniform3(0.0..8.0_f64), short in 0.05..1.0_f64,
+            from in prop::array::uniform3(0.0..8.0_f64), to in prop::array::uniform3(0.0..8.0_f64),
+            short in 0.05..1.0_f64,
         ) {
             let values: Vec<f64> = (0..BRICK).map(|i| {
                 let p = DVec3::new((i / 81) as f64, (i / 9 % 9) as f64, (i % 9) as f64);

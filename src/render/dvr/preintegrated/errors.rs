@@ -12,7 +12,8 @@ pub(super) struct Errors<R> {
     /// Bounds of the errors, and what the segments may use by the light that they absorb.
     pub error: Segment<R>,
     pub allowed: Segment<R>,
-    /// Variations of the function where the segments' densities may lie, as [`Varied`](super::variation::Varied) has them.
+    /// Variations of the function where the segments' densities may lie, as [`Varied`](super::variation::Varied) has
+    /// them.
     pub extinction: Segment<R>,
     pub shift: Segment<R>,
     pub color: Segment<R>,

@@ -37,8 +37,8 @@ pub(super) struct Front<'a, R: Real> {
 }
 
 impl<'a, R: Real> Front<'a, R> {
-    /// Creates the state at the eye, before any segment, at density zero, for an attempt at a ray that ends at an optical
-    /// depth.
+    /// Creates the state at the eye, before any segment, at density zero, for an attempt at a ray that ends at an
+    /// optical depth.
     #[inline(always)]
     pub fn new(
         tables: &'a Cumulative<R>,

@@ -98,8 +98,8 @@ pub(super) struct Queue<R: Real> {
     /// Coordinates of the nodes in their cells.
     at: [[R; ROOM]; 3],
     length: [R; ROOM],
-    /// Largest second differences of the nodes' bricks, along an axis and mixed; the first is [`ONE_CELL`] for a segment
-    /// in one cell.
+    /// Largest second differences of the nodes' bricks, along an axis and mixed; the first is [`ONE_CELL`] for a
+    /// segment in one cell.
     roughness: [[R; ROOM]; 2],
     /// Positions of the nodes in intervals (all of a brick, or a cell) that the ray enters at 0 and leaves at
     /// [`CELL_END`], or [`BRICK_END`] if it leaves the brick there; [`PADDING`] for padding.

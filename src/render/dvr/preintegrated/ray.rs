@@ -4,10 +4,10 @@
 //! A node at world length t from the origin `o` of a ray of direction `d` lies at `o + t d`. With `∂L/∂p` the
 //! derivative with respect to its index coordinates, the derivatives with respect to the ray's shift and turn are
 //! `∂L/∂p` and `t ∂L/∂p`, and that with respect to t is `d · ∂L/∂p`. In a brick or a cell that is entered at `t₀` and
-//! left at `t₁`, a node lies at `t₀ + s (t₁ - t₀)` with a constant share s, and the segments' lengths have constant shares as
-//! well: this gives the derivatives with respect to `t₀` and `t₁`, where the ray crosses faces that stand still.
-//! Derivatives are those of the computed value, as long as the number of nodes does not change; where the ray grazes
-//! faces, the terms of the faces are left out.
+//! left at `t₁`, a node lies at `t₀ + s (t₁ - t₀)` with a constant share s, and the segments' lengths have constant
+//! shares as well: this gives the derivatives with respect to `t₀` and `t₁`, where the ray crosses faces that stand
+//! still. Derivatives are those of the computed value, as long as the number of nodes does not change; where the ray
+//! grazes faces, the terms of the faces are left out.
 
 use super::deviation::Deviations;
 use super::nodes::{BRICK_END, CELL_END, ROOM, Sites};

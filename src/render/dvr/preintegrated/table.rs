@@ -57,7 +57,8 @@ impl<R: Real> Cumulative<R> {
         let mut below = [0.0; 4];
         let pieces = (0..=knots.len()).map(|p| {
             let ([low, high], [value, _]) = table.ends(p);
-            // Knots are where the curve has them, and so are the values: shifted along a steep slope they would be negative.
+            // Knots are where the curve has them, and so are the values: shifted along a steep slope they would be
+            // negative.
             let slope = table.slope_between(p, rounded);
             let base = rounded(if p == 0 { high } else { low });
             let (s, t) = (scale * value[3], scale * slope[3]);

@@ -45,8 +45,8 @@ const KINDS: usize = 6;
 /// Cumulative total variation of a transfer function over the density.
 #[derive(Debug, Clone)]
 pub(super) struct Variation<R: Real> {
-    /// Variations up to the edges of bins, which divide the range of the knots evenly; in double precision, since next to
-    /// a needle of the function nothing would be left of the others.
+    /// Variations up to the edges of bins, which divide the range of the knots evenly; in double precision, since next
+    /// to a needle of the function nothing would be left of the others.
     edges: Vec<[f64; KINDS]>,
     /// Steepest slope of the extinction, and largest product of the extinction and the color's slope; infinite at a
     /// step.
@@ -93,8 +93,8 @@ impl<R: Real> Variation<R> {
             };
             let [near, far] = [slope(&a), slope(&b)];
             let most = |a: &[f64; 4], b: &[f64; 4]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f64::max);
-            // Slopes differ on both sides of a knot; of none that all densities lie beside, rounded as they are. A density
-            // at the knot itself counts as above it.
+            // Slopes differ on both sides of a knot; of none that all densities lie beside, rounded as they are. A
+            // density at the knot itself counts as above it.
             let slack = ROUNDED * low.abs();
             if densities[0] < low + slack && low <= densities[1] + slack {
                 let kink = &mut added[bin_of(low)];

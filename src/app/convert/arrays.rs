@@ -1,0 +1,107 @@
+//! Layers of pictures as NumPy arrays and as PNGs, and arrays as pictures.
+
+use super::report::{Image, LayerPlace};
+use super::{ConvertSettings, FileReport};
+use crate::app::Context;
+use crate::app::outputs::{self, Content};
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::png::ToneMapping;
+use crate::formats::{exr, npy, png};
+use crate::scene::film::Film;
+use crate::scene::primaries::Primaries;
+use crate::wording::all_worded;
+use std::path::Path;
+
+impl ConvertSettings {
+    fn begin_array(&self, content: Content) -> Result<Limits> {
+        outputs::file(&self.output, content)?;
+        Ok(self.limits)
+    }
+
+    fn report_array(&self, shape: Vec<usize>, layer: Option<LayerPlace>) -> Result<FileReport> {
+        let axes = ["row", "column", "channel"][..shape.len().min(3)].to_vec();
+        Ok(FileReport::Image(Box::new(Image { shape, axes, layer, ..Image::of(&self.input, &self.output)? })))
+    }
+
+    /// Writes a layer of a picture.
+    pub(super) fn layer_to_array(&self, context: &Context) -> Result<FileReport> {
+        let limits = self.begin_array(Content::Npy)?;
+        let stage = context.stage("converting");
+        let layer = exr::layer_within(&self.input, self.layer.as_deref(), limits)?;
+        let shape = vec![layer.height, layer.width, layer.channels.len()];
+        npy::write(&self.output, &shape, &layer.values)?;
+        drop(stage);
+        self.report_array(shape, Some(LayerPlace { name: layer.name, channels: layer.channels }))
+    }
+
+    /// Writes a layer of a picture for display.
+    pub(super) fn layer_to_png(&self, context: &Context) -> Result<FileReport> {
+        let limits = self.begin_array(Content::Png)?;
+        let stage = context.stage("converting");
+        // The film, its levels, and the bytes of the file.
+        let most = Limits { max_memory: limits.max_memory / 2 };
+        let (header, layer) = (exr::header(&self.input)?, self.layer.as_deref());
+        let picture = exr::picture_within(&self.input, layer, most)?;
+        let is_color = picture.is_color();
+        let exr::Picture { mut film, layer, non_finite, channels } = picture;
+        let mut notes = Vec::new();
+        if non_finite > 0 {
+            notes.push(format!("samples that are NaN or infinite: {non_finite}; NaN becomes black, infinity white"));
+        }
+        let from = header.primaries();
+        if is_color && !from.is_same(&Primaries::REC_709) {
+            let matrix = from.matrix_to(Primaries::REC_709).ok_or_else(|| {
+                Error::invalid(format!("the chromaticities span no color space: {from}"))
+                    .at(&self.input)
+                    .hint("correct the attribute `chromaticities`")
+            })?;
+            film.convert(matrix);
+            notes.push(format!("colors are converted from primaries {from} to those of sRGB, Rec.709"));
+        }
+        let tone = ToneMapping { exposure: self.exposure.unwrap_or(0.0) };
+        png::write_film(&self.output, &film, tone, &exr::Attributes::new())?;
+        drop(stage);
+        notes.iter().for_each(|note| context.note(format!("note: {note}")));
+        Ok(FileReport::Image(Box::new(Image {
+            shape: vec![film.height, film.width],
+            axes: vec!["row", "column"],
+            layer: Some(LayerPlace { name: layer, channels }),
+            tone_mapping: Some(tone),
+            notes: all_worded(notes),
+            ..Image::of(&self.input, &self.output)?
+        })))
+    }
+
+    /// Writes an array of one, three or four channels as a picture.
+    pub(super) fn array_to_picture(&self, context: &Context) -> Result<FileReport> {
+        let limits = self.begin_array(Content::Exr)?;
+        let stage = context.stage("converting");
+        // The array, the film, and the picture as bytes before it is packed.
+        let third = Limits { max_memory: limits.max_memory / 6 };
+        let array = npy::read(&self.input, third)?;
+        let film = film(&array, &self.input)?;
+        exr::write_picture(&self.output, &film, &exr::Attributes::new(), self.half)?;
+        drop(stage);
+        self.report_array(array.shape, None)
+    }
+}
+
+/// Film of an array: [row, column] or [row, column, channel] of grey, RGB or RGBA; alpha is 1 where there is none.
+fn film(array: &npy::Array, path: &Path) -> Result<Film> {
+    let (height, width, channels) = match array.shape[..] {
+        [height, width] if height * width > 0 => (height, width, 1),
+        [height, width, channels @ (1 | 3 | 4)] if height * width > 0 => (height, width, channels),
+        _ => {
+            return Err(Error::invalid(format!("an array of shape {:?} is no picture", array.shape)).at(path).hint(
+                "[row, column] and [row, column, channel] with 1, 3 or 4 channels (grey, RGB, RGBA) are pictures",
+            ));
+        }
+    };
+    let pixel = |p: &[f32]| match *p {
+        [r, g, b, a] => [r, g, b, a],
+        [r, g, b] => [r, g, b, 1.0],
+        _ => [p[0], p[0], p[0], 1.0],
+    };
+    Ok(Film::of(width, height, array.values.chunks_exact(channels).map(pixel).collect()))
+}

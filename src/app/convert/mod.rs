@@ -1,0 +1,377 @@
+//! Volumes, images and pictures from one file format to another.
+//!
+//! [`Kind`] names the formats. A route from one to another is an arm of [`ConvertSettings::run`], and a file of its own
+//! here.
+
+mod arrays;
+mod converted;
+mod edits;
+mod export;
+mod form;
+mod frames;
+mod grid_edit;
+mod grids;
+mod half;
+mod images;
+mod import;
+mod names;
+mod nano;
+mod parts;
+mod report;
+mod sources;
+mod turn;
+
+pub use edits::{Edits, UpTarget};
+pub use form::Form;
+pub use frames::Frames;
+pub use grids::Grids;
+pub use images::{ImageSettings, ValueSettings};
+pub use names::Convention;
+pub use report::Image;
+pub use sources::Merge;
+
+use crate::app::Context;
+use crate::app::sequence::FrameSelection;
+use crate::app::transfer::TransferSettings;
+use crate::error::{Error, Result};
+use crate::formats::imaging::format::{self, Format as ImageFormat};
+use crate::formats::imaging::write::Target;
+use crate::formats::limits::Limits;
+use crate::formats::vdb::Codec;
+use crate::formats::{Format, sniff};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::ffi::OsStr;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// Report of a file, or of a sequence.
+#[derive(Debug, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub enum ConvertReport {
+    /// Report of a file.
+    File(FileReport),
+    /// Report of a sequence.
+    Sequence(Frames),
+}
+
+impl ConvertReport {
+    /// True if no frame failed.
+    pub fn complete(&self) -> bool {
+        match self {
+            Self::File(_) => true,
+            Self::Sequence(frames) => frames.complete(),
+        }
+    }
+}
+
+impl fmt::Display for ConvertReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(file) => file.fmt(f),
+            Self::Sequence(frames) => frames.fmt(f),
+        }
+    }
+}
+
+/// Report of a VDB with edits, or of an image, an array or a NanoVDB.
+#[derive(Debug, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub enum FileReport {
+    /// Report of a VDB with edits.
+    Grids(Box<Grids>),
+    /// Report of an image, an array or a NanoVDB.
+    Image(Box<Image>),
+}
+
+impl fmt::Display for FileReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Grids(grids) => grids.fmt(f),
+            Self::Image(image) => image.fmt(f),
+        }
+    }
+}
+
+/// Settings of a conversion: a VDB with edits, images of medicine and science to VDBs and back, pictures to arrays and
+/// back.
+///
+/// Inputs are told by their content, outputs by their ending. Several VDBs are joined: their grids become those of one
+/// file, at the places that they have. Of a sequence every frame is converted.
+///
+/// ```
+/// use cumulo::app::{Context, convert::{ConvertSettings, ValueSettings}};
+/// # let folder = tempfile::tempdir()?;
+/// # let output = folder.path().join("head.vdb");
+/// let settings = ConvertSettings {
+///     input: "fixtures/head.nii.gz".into(),
+///     output: output.clone(),
+///     values: ValueSettings { map: Some([0.0, 255.0]), ..ValueSettings::default() },
+///     ..ConvertSettings::default()
+/// };
+/// println!("{}", settings.run(&Context::default())?);
+/// assert!(output.exists());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ConvertSettings {
+    /// File, folder or pattern of slices to read.
+    #[serde(with = "crate::app::paths")]
+    pub input: PathBuf,
+    /// Other VDBs, whose grids are joined with those of the first one.
+    #[serde(with = "crate::app::paths")]
+    pub more: Vec<PathBuf>,
+    /// VDB, .nvdb, image, .npy, EXR or PNG to write.
+    #[serde(with = "crate::app::paths")]
+    pub output: PathBuf,
+    /// Frames of sequences to convert.
+    pub frames: FrameSelection,
+    /// Names of the grids to keep, none for all; from an image: names of the grids that are made.
+    pub grid: Vec<String>,
+    /// Names of grids, old and new.
+    pub rename: Vec<(String, String)>,
+    /// True to store real values as 16-bit floats.
+    pub half: bool,
+    /// How values are packed.
+    pub codec: Codec,
+    /// Lower and upper corner of the world-space box to keep; none for all.
+    pub crop: Option<[[f64; 3]; 2]>,
+    /// Edge length in world units of the cubic voxels to resample to; none to leave the lattice.
+    pub resample: Option<f64>,
+    /// Tolerance by which the values of blocks that become constant may differ; none to leave them.
+    pub prune: Option<f64>,
+    /// Grids whose NaN and infinite values, and negative densities, are set to zero.
+    pub repair: Option<Repair>,
+    /// Layer of an EXR; none for the beauty.
+    pub layer: Option<String>,
+    /// Exposure of a PNG in stops, from -60 to 60; none for 0.
+    pub exposure: Option<f64>,
+    /// Edits from VDB to VDB.
+    #[serde(flatten)]
+    pub edits: Edits,
+    /// Steps that values take.
+    #[serde(flatten)]
+    pub values: ValueSettings,
+    /// Part of an image that is read, and where its voxels lie.
+    #[serde(flatten)]
+    pub images: ImageSettings,
+    /// Transfer function that is attached to the grids.
+    #[serde(flatten)]
+    pub transfer: TransferSettings,
+    /// Memory that the work may take.
+    #[serde(flatten)]
+    pub limits: Limits,
+}
+
+/// Kind of a grid's values, which tells which of them are faults.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Repair {
+    /// Fog volumes hold densities, other grids any values.
+    Auto,
+    /// All grids hold densities.
+    Density,
+}
+
+/// Format of a file that is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Vdb,
+    Nano,
+    Exr,
+    Image(ImageFormat),
+}
+
+impl Kind {
+    /// Detects the format of an input by its content. What is neither picture nor image goes to the reader of VDBs,
+    /// which says what it is.
+    fn of_input(path: &Path) -> Result<Self> {
+        if let Some(format) = format::sniff(path)? {
+            return Ok(Self::Image(format));
+        }
+        if path.is_dir() {
+            return Ok(Self::Vdb);
+        }
+        Ok(match sniff(path)? {
+            Format::Exr => Self::Exr,
+            Format::NanoVdb => Self::Nano,
+            _ => Self::Vdb,
+        })
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Vdb => "VDB",
+            Self::Nano => "NanoVDB",
+            Self::Exr => "EXR",
+            Self::Image(format) => format.name(),
+        }
+    }
+}
+
+/// Format of a file that is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Written {
+    Vdb,
+    Nano,
+    Exr,
+    Png,
+    Image(Target),
+}
+
+impl Written {
+    /// Format that an output's name asks for; that of VDBs checks names of other endings.
+    fn of(path: &Path) -> Self {
+        match Target::of(path) {
+            Some(target) => Self::Image(target),
+            None => match path.extension().and_then(OsStr::to_str).unwrap_or_default().to_ascii_lowercase().as_str() {
+                "exr" => Self::Exr,
+                "png" => Self::Png,
+                "nvdb" => Self::Nano,
+                _ => Self::Vdb,
+            },
+        }
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::Vdb => "VDB".into(),
+            Self::Nano => ".nvdb".into(),
+            Self::Exr => "EXR".into(),
+            Self::Png => "PNG".into(),
+            Self::Image(target) => format!(".{}", target.ending()),
+        }
+    }
+}
+
+impl ConvertSettings {
+    /// Paths that the output is made from.
+    pub fn inputs(&self) -> Vec<&Path> {
+        [&self.input].into_iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
+    }
+
+    /// Reads, edits and writes.
+    ///
+    /// # Errors
+    /// If the input cannot be read, a grid is not there or cannot be edited so, no route leads from the input's format
+    /// to the output's, a setting belongs to another route, or the output cannot be written; the output is untouched
+    /// then.
+    pub fn run(&self, context: &Context) -> Result<ConvertReport> {
+        if let Some((sequence, to)) = self.sequences()? {
+            return self.convert_frames(&sequence, &to, context).map(ConvertReport::Sequence);
+        }
+        self.convert_file(context).map(ConvertReport::File)
+    }
+
+    /// Converts one file, or several that are joined.
+    fn convert_file(&self, context: &Context) -> Result<FileReport> {
+        let from =
+            if self.images.dims.is_some() { Kind::Image(ImageFormat::Raw) } else { Kind::of_input(&self.input)? };
+        let to = Written::of(&self.output);
+        // What is no VDB after all is told by the reader of VDBs; its options do not matter then.
+        let told =
+            from != Kind::Vdb || self.input.is_dir() || matches!(sniff(&self.input)?, Format::Vdb | Format::NanoVdb);
+        if told {
+            self.check_options(from, to)?;
+        }
+        self.check_join(from, to)?;
+        match (from, to) {
+            (Kind::Vdb, Written::Vdb) => self.grids(context),
+            (Kind::Vdb, Written::Nano) => self.grids_to_nano(context),
+            (Kind::Nano, Written::Vdb) => self.nano_to_grids(context),
+            (Kind::Vdb, Written::Image(target)) => self.grid_to_image(target, context),
+            (Kind::Image(format), Written::Vdb) => self.image_to_grids(format, context),
+            (Kind::Exr, Written::Image(Target::Npy)) => self.layer_to_array(context),
+            (Kind::Exr, Written::Png) => self.layer_to_png(context),
+            (Kind::Image(ImageFormat::Npy), Written::Exr) => self.array_to_picture(context),
+            (from, to) => {
+                // A name of no known ending is taken for that of a VDB.
+                let ending = self.output.extension().and_then(OsStr::to_str).filter(|_| to == Written::Vdb);
+                let ending = ending.filter(|ending| !ending.eq_ignore_ascii_case("vdb"));
+                let to = ending.map_or_else(|| to.name(), |ending| format!(".{ending}"));
+                Err(Error::unsupported(format!("no conversion from {} to {to}", from.name())).at(&self.input).hint(
+                    "a .vdb becomes a .vdb, .nvdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd or .vti; an .exr becomes a \
+                     .npy or .png, a .npy an .exr or .vdb, and .nvdb and other images a .vdb",
+                ))
+            }
+        }
+    }
+
+    /// Refuses several inputs that do not become one VDB, and edits that are of one file.
+    fn check_join(&self, from: Kind, to: Written) -> Result<()> {
+        let Some(second) = self.more.first() else { return Ok(()) };
+        for path in &self.more {
+            let kind = Kind::of_input(path)?;
+            if (from, kind, to) != (Kind::Vdb, Kind::Vdb, Written::Vdb) {
+                let (of, to) = (if from == Kind::Vdb { kind } else { from }, to.name());
+                return Err(Error::unsupported(format!(
+                    "several files become one VDB if all are VDBs, not from {} to {to}",
+                    of.name()
+                ))
+                .at(path)
+                .hint("the last name is the output; convert the others to VDBs first, one by one"));
+            }
+        }
+        let of_one = ["⟨split⟩", "⟨merge⟩", "⟨up⟩", "⟨up_from⟩"];
+        match self.edits.given().iter().find(|(name, given)| *given && of_one.contains(name)) {
+            Some((name, _)) => {
+                Err(Error::invalid(format!("{name} edits the grids of one file, and there are several"))
+                    .at(second)
+                    .hint("edit the files one by one first, then join them"))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses settings that a route would ignore.
+    fn check_options(&self, from: Kind, to: Written) -> Result<()> {
+        let edits = from == Kind::Vdb && to == Written::Vdb;
+        let imports = matches!(from, Kind::Image(_)) && to == Written::Vdb;
+        let exports = from == Kind::Vdb && matches!(to, Written::Image(_));
+        let array = matches!(from, Kind::Image(ImageFormat::Npy | ImageFormat::Npz)) && imports
+            || exports && to == Written::Image(Target::Npy);
+        let of_image = |has: fn(ImageFormat) -> bool| imports && matches!(from, Kind::Image(format) if has(format));
+        let placed = of_image(ImageFormat::takes_placement);
+        let (images, values) = (&self.images, &self.values);
+        let nano = from == Kind::Nano && to == Written::Vdb || from == Kind::Vdb && to == Written::Nano;
+        let grids = edits || imports || exports;
+        let of = |format: ImageFormat| imports && from == Kind::Image(format);
+        let options = [
+            ("⟨grid⟩", !self.grid.is_empty(), grids || nano),
+            ("⟨rename⟩", !self.rename.is_empty(), edits),
+            ("⟨crop⟩", self.crop.is_some(), edits),
+            ("⟨resample⟩", self.resample.is_some(), edits),
+            ("⟨prune⟩", self.prune.is_some(), edits),
+            ("⟨repair⟩", self.repair.is_some(), edits),
+            ("⟨tf⟩", self.transfer.tf.is_some(), edits),
+            ("⟨half⟩", self.half, !matches!(to, Written::Image(_) | Written::Nano | Written::Png)),
+            ("⟨codec⟩", self.codec != Codec::default(), to == Written::Vdb),
+            ("⟨layer⟩", self.layer.is_some(), from == Kind::Exr),
+            ("⟨exposure⟩", self.exposure.is_some(), to == Written::Png),
+            ("⟨scale⟩", values.scale.is_some(), grids),
+            ("⟨offset⟩", values.offset.is_some(), grids),
+            ("⟨map⟩", values.map.is_some(), grids),
+            ("⟨threshold⟩", values.threshold.is_some(), grids),
+            ("⟨time⟩", images.time.is_some(), of_image(ImageFormat::has_times)),
+            ("⟨channel⟩", images.channel.is_some(), of(ImageFormat::Zarr)),
+            ("⟨level⟩", images.level.is_some(), of(ImageFormat::Zarr)),
+            ("⟨series⟩", images.series.is_some(), of(ImageFormat::Dicom)),
+            ("⟨array⟩", images.array.is_some(), of_image(ImageFormat::has_arrays)),
+            ("⟨as⟩", images.grid_type.is_some(), grids),
+            ("⟨axes⟩", images.axes.is_some(), array),
+            ("⟨voxel_size⟩", images.voxel_size.is_some(), placed),
+            ("⟨spacing⟩", images.spacing.is_some(), placed),
+            ("⟨origin⟩", images.origin.is_some(), placed),
+            ("⟨transform⟩", images.transform.is_some(), placed),
+        ];
+        let of_edits = self.edits.given().map(|(name, given)| (name, given, edits));
+        match options.iter().chain(&of_edits).find(|(_, given, applies)| *given && !applies) {
+            Some((name, ..)) => {
+                Err(Error::invalid(format!("{name} has no effect from {} to {}", from.name(), to.name()))
+                    .hint("leave it out, or convert in two steps: edit VDBs first, then turn their grids into arrays"))
+            }
+            None => Ok(()),
+        }
+    }
+}

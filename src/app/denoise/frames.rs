@@ -1,0 +1,301 @@
+//! Frames at work: one thread reads ahead, one denoises, one writes behind.
+
+use super::held::Held;
+use super::motion::Motions;
+use super::passes::Directions;
+use super::plan::{Plan, Step};
+use super::reading::Reader;
+use super::shot::{Shot, Target, View};
+use super::{COMMAND, Cuts, DenoiseSettings, INPUTS, SETTINGS};
+use crate::app::Context;
+use crate::app::context::Stage;
+use crate::app::provenance::Provenance;
+use crate::denoise::{Denoised, Estimate, Settings, still};
+use crate::error::{Error, Kind, Result};
+use crate::formats::exr::Document;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::time::Instant;
+
+/// A sequence to denoise.
+pub struct Sequence<'s> {
+    pub numbers: &'s [u32],
+    pub inputs: &'s [PathBuf],
+    pub outputs: &'s [PathBuf],
+    /// Pixels of a frame, of all layers together.
+    pub pixels: usize,
+    pub settings: &'s DenoiseSettings,
+}
+
+/// Outcome of a sequence.
+#[derive(Debug, Default)]
+pub struct Done {
+    pub denoised: usize,
+    /// Frames that failed, and why.
+    pub failed: Vec<(u32, Error)>,
+    pub cuts: Vec<u32>,
+    pub filled: usize,
+    /// Frames of the pixels that were filled in.
+    pub filled_frames: Vec<u32>,
+    pub at_rest: bool,
+    /// First frame whose alpha contradicts that of its motion, and by how much.
+    pub contradiction: Option<(u32, f32)>,
+    /// Estimate of noise and error of the first layer of all views, and the number of frames that it is taken from.
+    pub estimate: (Estimate, usize),
+    pub seconds: f64,
+}
+
+/// A picture to be written.
+struct Picture {
+    frame: usize,
+    document: Document,
+    views: Vec<(Vec<Target>, Vec<Denoised>)>,
+}
+
+/// Where pictures go, and the memory of written ones comes back.
+struct Pictures {
+    write: SyncSender<Picture>,
+    spares: Receiver<Vec<Vec<Denoised>>>,
+}
+
+impl Sequence<'_> {
+    /// Denoises all frames.
+    ///
+    /// # Errors
+    /// If the settings cannot be used, or the work is interrupted.
+    pub fn run(
+        &self,
+        plan: &Plan,
+        settings: Settings,
+        provenance: &Provenance,
+        cancel: &AtomicBool,
+        context: &Context,
+    ) -> Result<Done> {
+        let writes = plan.reads().filter(|read| read.write).count();
+        let motions = Motions::new(&self.settings.motion, self.numbers, self.settings.limits)?;
+        let bar = context.steps(writes as u64, "denoise");
+        let done = std::thread::scope(|scope| {
+            let (shots, read) = sync_channel(1);
+            let (pictures, write) = sync_channel::<Picture>(1);
+            let (written, spares) = channel();
+            scope.spawn(move || self.read(plan, motions, &shots, cancel));
+            let bar = &bar;
+            let writer = scope.spawn(move || self.write(&write, &written, provenance, bar));
+            let pictures = Pictures { write: pictures, spares };
+            let denoised = self.denoise(plan, settings, &read, &pictures, cancel, context);
+            drop((read, pictures));
+            let written = writer.join().unwrap_or_default();
+            denoised.map(|mut done| {
+                // Frames that could not be written were counted.
+                bar.inc(done.failed.len() as u64);
+                done.denoised = writes - done.failed.len() - written.len();
+                done.failed.extend(written);
+                done
+            })
+        });
+        drop(bar);
+        let mut done = done?;
+        done.failed.sort_by_key(|(frame, _)| *frame);
+        Ok(done)
+    }
+
+    /// Reads the frames in the order of the plan.
+    fn read(&self, plan: &Plan, motions: Motions<'_>, to: &SyncSender<Result<Shot>>, cancel: &AtomicBool) {
+        let Self { settings, numbers, inputs, .. } = *self;
+        let held = Held::new(self.pixels, settings.limits);
+        let mut reader = Reader { settings, numbers, inputs, motions, held };
+        for read in plan.reads() {
+            // The denoiser hangs up when it is interrupted.
+            if cancel.load(Ordering::Relaxed) || to.send(reader.shot(read, cancel)).is_err() {
+                return;
+            }
+        }
+    }
+
+    /// Denoises what is read, and hands it on to be written.
+    fn denoise(
+        &self,
+        plan: &Plan,
+        settings: Settings,
+        read: &Receiver<Result<Shot>>,
+        pictures: &Pictures,
+        cancel: &AtomicBool,
+        context: &Context,
+    ) -> Result<Done> {
+        let mut done = Done { at_rest: true, ..Done::default() };
+        let mut cuts = BTreeSet::new();
+        let DenoiseSettings { method, cuts: find, error, .. } = *self.settings;
+        let new = || Directions::new(method.method(), settings, find == Cuts::Auto, error);
+        // One a view, from the first frame on.
+        let mut directions: Vec<Directions> = Vec::new();
+        let mut expected = None;
+        for step in &plan.steps {
+            if cancel.load(Ordering::Relaxed) {
+                return Err(Error::cancelled());
+            }
+            let (frame, forward, keep, again) = match *step {
+                Step::Begin => {
+                    directions.iter_mut().for_each(Directions::begin);
+                    continue;
+                }
+                Step::Backward => {
+                    directions.iter_mut().for_each(Directions::turn);
+                    continue;
+                }
+                Step::Rewind => {
+                    directions.iter_mut().for_each(Directions::rewind);
+                    continue;
+                }
+                Step::Look { frame, keep } => (frame, false, keep, true),
+                Step::Denoise { frame, write, again } => (frame, true, write, again),
+            };
+            let number = self.numbers[frame];
+            let Ok(shot) = read.recv() else { return Err(Error::cancelled()) };
+            let shot = match shot.and_then(|shot| self.fits(frame, shot, &mut expected)) {
+                Ok(shot) => shot,
+                Err(e) if e.kind() == Kind::Cancelled => return Err(e),
+                Err(e) => {
+                    if forward && keep {
+                        done.failed.push((number, e));
+                    } else if forward && !again {
+                        context.note(format!("frame {number}, of which others learn: {e}"));
+                    }
+                    continue;
+                }
+            };
+            let started = Instant::now();
+            if shot.contradiction > 0.0 && done.contradiction.is_none_or(|(first, _)| number < first) {
+                done.contradiction = Some((number, shot.contradiction));
+            }
+            done.at_rest &= shot.views.iter().all(|view| view.moved.is_zero());
+            directions.resize_with(shot.views.len(), new);
+            let mut spares = if forward { pictures.spares.try_recv().unwrap_or_default() } else { Vec::new() };
+            let mut views = Vec::new();
+            for (view, directions) in shot.views.into_iter().zip(&mut directions) {
+                if forward {
+                    let mut denoised = spares.pop().unwrap_or_default();
+                    let cut = self.view(number, &view, again, directions, &mut denoised)?;
+                    cuts.extend(cut.then_some(number));
+                    if let Some(found) = denoised[0].estimate.filter(|_| keep) {
+                        let (estimate, frames) = done.estimate;
+                        // Views are the same frame.
+                        done.estimate = (estimate.plus(found), frames + usize::from(views.is_empty()));
+                    }
+                    views.push((view.targets, denoised));
+                } else {
+                    directions.look(number, &view, keep)?;
+                }
+            }
+            done.seconds += started.elapsed().as_secs_f64();
+            if let Some(document) = shot.document {
+                done.filled += shot.filled;
+                done.filled_frames.extend((shot.filled > 0).then_some(number));
+                let picture = Picture { frame, document, views };
+                pictures.write.send(picture).map_err(|_| Error::cancelled())?;
+            }
+        }
+        done.cuts = cuts.into_iter().collect();
+        done.filled_frames.sort_unstable();
+        Ok(done)
+    }
+
+    /// Denoises a view of a frame into `to`; with `again` it is denoised once more later. Returns true if it begins a
+    /// shot.
+    fn view(
+        &self,
+        number: u32,
+        view: &View,
+        again: bool,
+        directions: &mut Directions,
+        to: &mut Vec<Denoised>,
+    ) -> Result<bool> {
+        let cut = directions.denoise(number, view, again, to)?;
+        // No other frame has told detail from noise.
+        if let [_] = self.numbers {
+            view.layers.iter().zip(to).for_each(|(layer, to)| still::keep_detail(&view.frame(layer), to));
+        }
+        Ok(cut)
+    }
+
+    /// Returns the frame if it has the views, pixels and layers of the first one, which `expected` remembers.
+    fn fits(&self, frame: usize, shot: Shot, expected: &mut Option<Vec<([usize; 2], usize)>>) -> Result<Shot> {
+        let shape = shot.shape();
+        let first = expected.get_or_insert_with(|| shape.clone());
+        if shape == *first {
+            return Ok(shot);
+        }
+        let differs = match (shape[0].0, first[0].0) {
+            (now, before) if shape.len() == first.len() && now != before => {
+                let ([width, height], [w, h]) = (now, before);
+                format!("{width}x{height} pixels, and the frames before have {w}x{h}")
+            }
+            _ => "the frame has other views or layers than the frames before".into(),
+        };
+        Err(Error::invalid(differs)
+            .at(&self.inputs[frame])
+            .hint("render it again as the others are, or denoise it on its own"))
+    }
+
+    /// Writes the pictures that come, and gives their memory back to `written`. Returns those that cannot be written.
+    fn write(
+        &self,
+        pictures: &Receiver<Picture>,
+        written: &Sender<Vec<Vec<Denoised>>>,
+        provenance: &Provenance,
+        bar: &Stage,
+    ) -> Vec<(u32, Error)> {
+        let mut failed = Vec::new();
+        for Picture { frame, mut document, views } in pictures {
+            for (target, denoised) in views.iter().flat_map(|(targets, denoised)| targets.iter().zip(denoised)) {
+                for (component, channel) in target.channels.iter().enumerate() {
+                    document.replace(target.part, *channel, denoised.color.iter().map(|color| color[component]));
+                }
+            }
+            if self.settings.confidence {
+                add_layer(&mut document, &views, "confidence.N", |denoised| denoised.confidence.clone());
+            }
+            if self.settings.error {
+                for (at, name) in ["noise.V", "error.V"].into_iter().enumerate() {
+                    add_layer(&mut document, &views, name, |denoised| denoised.map.iter().map(|map| map[at]).collect());
+                }
+            }
+            let mut origin = provenance.clone();
+            let files = self.settings.files_of(self.numbers[frame], &self.inputs[frame]);
+            let result = origin.files(files.iter().map(PathBuf::as_path)).and_then(|()| {
+                document.set_attribute(COMMAND, &provenance.command);
+                document.set_attribute(SETTINGS, &provenance.settings);
+                document.set_attribute(INPUTS, &origin.hashes());
+                document.write(&self.outputs[frame])
+            });
+            if let Err(error) = result {
+                failed.push((self.numbers[frame], error));
+            }
+            // Nobody takes it behind the last frame.
+            written.send(views.into_iter().map(|(_, denoised)| denoised).collect()).ok();
+            bar.inc(1);
+        }
+        failed
+    }
+}
+
+/// Adds a layer of one channel, `LAYER.CHANNEL`, of what `of` returns of the first layer of each view: in a part of its
+/// own, or with the view's name between both.
+fn add_layer(
+    document: &mut Document,
+    views: &[(Vec<Target>, Vec<Denoised>)],
+    name: &str,
+    of: impl Fn(&Denoised) -> Vec<f32>,
+) {
+    let names = document.header().views();
+    let first = views[0].0[0].part;
+    for (number, (targets, denoised)) in views.iter().enumerate() {
+        let part = targets[0].part;
+        let name = match name.split_once('.') {
+            Some((layer, channel)) if number > 0 && part == first => format!("{layer}.{}.{channel}", names[number]),
+            _ => name.to_owned(),
+        };
+        document.add(part, &name, of(&denoised[0]));
+    }
+}

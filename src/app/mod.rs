@@ -1,0 +1,30 @@
+//! The use cases: what the program does, whoever asks for it.
+//!
+//! Each one has plain settings and a function `run(&Settings, &Context) -> Result<Report>`. The [`Context`] tells who
+//! watches the work and what stops it. A use case knows no command line: the face that runs it makes the settings,
+//! shows the progress and words the report and the errors.
+
+pub mod checks;
+pub mod context;
+pub mod convert;
+pub mod denoise;
+pub mod failed;
+pub mod inputs;
+pub mod motion;
+pub mod outputs;
+pub mod paths;
+pub mod photos;
+pub mod pictures;
+pub mod plan;
+pub mod progress;
+pub mod provenance;
+pub mod render;
+pub mod renewed;
+pub mod run;
+pub mod sequence;
+pub mod task;
+pub mod transfer;
+pub mod up;
+pub mod volume;
+
+pub use context::Context;

@@ -1,0 +1,201 @@
+//! How what pictures of a volume show moves from frame to frame.
+
+mod tracing;
+
+use crate::app::Context;
+use crate::app::failed::Failed;
+use crate::app::outputs::{self, Content};
+use crate::app::provenance::{Provenance, SETTINGS};
+use crate::app::transfer::TransferSettings;
+use crate::error::{Error, Kind, Result};
+use crate::formats::atomic::Batch;
+use crate::formats::captures;
+use crate::formats::exr;
+use crate::formats::limits::Limits;
+use crate::formats::protected;
+use crate::formats::sequence::{Frames, Pattern, number_of};
+use crate::scene::capture::Capture;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::path::{Path, PathBuf};
+pub use tracing::{Choices, SAMPLES, Tracing};
+
+/// Settings of the motion of what pictures of a volume show, written as a layer that denoisers follow.
+///
+/// A pixel's motion is the mean over the first collisions of its rays with the volume. The layer `Vector` holds X and
+/// Y, the place in the frame before minus that now, and Z and W, the place now minus that in the frame after, in pixels
+/// to the right and upwards.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct MotionSettings {
+    /// VDB of all frames, or a pattern of one for each; or a scene file or USD stage.
+    #[serde(with = "crate::app::paths")]
+    pub input: PathBuf,
+    /// Cameras of the frames, in a transforms.json whose pictures bear the frames' numbers; or the one of all.
+    #[serde(with = "crate::app::paths")]
+    pub cameras: PathBuf,
+    /// Pattern of the pictures of the motion, numbered as the frames are.
+    #[serde(with = "crate::app::paths")]
+    pub output: PathBuf,
+    /// Frames; none for those of the cameras, else of the volumes.
+    pub frames: Option<Frames>,
+    /// Name of the grid that pictures show; none for density, else the only scalar one.
+    pub grid: Option<String>,
+    /// Extinction per world unit at a density of 1; none for that of the cameras' capture.
+    pub density_scale: Option<f64>,
+    /// Transfer function that the pictures show.
+    #[serde(flatten)]
+    pub transfer: TransferSettings,
+    /// Name of the grid of the volume's velocities in world units per second.
+    pub velocity: Option<String>,
+    /// Frames per second; 1 for velocities in world units per frame.
+    pub fps: f64,
+    /// True to replace pictures that other settings made.
+    pub overwrite: bool,
+    /// Rays per pixel, 1 to 65536.
+    pub samples: u32,
+    /// Memory that the work may take.
+    #[serde(flatten)]
+    pub limits: Limits,
+}
+
+impl Default for MotionSettings {
+    fn default() -> Self {
+        Self {
+            input: PathBuf::new(),
+            cameras: PathBuf::new(),
+            output: PathBuf::new(),
+            frames: None,
+            grid: None,
+            density_scale: None,
+            transfer: TransferSettings::default(),
+            velocity: None,
+            fps: 24.0,
+            overwrite: false,
+            samples: SAMPLES,
+            limits: Limits::default(),
+        }
+    }
+}
+
+/// Settings on which frames do not depend, or which choose some of them.
+const MANNER: [&str; 3] = ["overwrite", "frames", "max_memory"];
+
+/// Report of the motion of frames.
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub struct MotionReport {
+    #[serde(serialize_with = "crate::app::paths::text")]
+    output: PathBuf,
+    frames: usize,
+    failed: Vec<Failed>,
+    /// Largest motion from the frame before, in pixels.
+    largest: f32,
+    /// Extinction per world unit at a density of 1; none for scene files and stages, which state their own.
+    density_scale: Option<f64>,
+    seconds: f64,
+}
+
+impl MotionReport {
+    /// True if no frame failed.
+    pub fn complete(&self) -> bool {
+        self.failed.is_empty()
+    }
+}
+
+impl fmt::Display for MotionReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { output, frames, failed, largest, density_scale, seconds } = self;
+        write!(f, "{}: motion of {frames} frames in {seconds:.2} s, at most {largest:.2} pixels; ", output.display())?;
+        density_scale.iter().try_for_each(|scale| write!(f, "density scale {scale}, "))?;
+        write!(f, "{} that failed", failed.len())
+    }
+}
+
+impl MotionSettings {
+    /// Paths that the motion is made from.
+    pub fn inputs(&self) -> Vec<&Path> {
+        [self.input.as_path(), &self.cameras].into_iter().chain(self.transfer.file()).collect()
+    }
+
+    /// Reads, traces and writes. Frames that fail are part of the report.
+    ///
+    /// # Errors
+    /// If no frame can be begun.
+    pub fn run(&self, context: &Context) -> Result<MotionReport> {
+        let cancel = context.cancel().polled();
+        let mut provenance = Provenance::begin(context).of("motion", self, &MANNER);
+        let limits = self.limits;
+        let numbers = self.numbers(&captures::load_within(&self.cameras, limits)?)?;
+        let choices = Choices {
+            grid: self.grid.clone(),
+            density_scale: self.density_scale,
+            transfer: self.transfer.load(limits)?,
+            velocity: self.velocity.clone().map(|name| (name, self.fps)),
+            samples: Some(self.samples),
+        };
+        let mut tracing = Tracing::new(&self.input, &self.cameras, &numbers, choices, limits)?;
+        let density_scale = tracing.density_scale();
+        let to = Pattern::parse(&self.output).ok_or_else(|| {
+            Error::invalid(
+                "this is the name of one file, and each frame becomes one: it needs a place for the frame's number",
+            )
+            .at(&self.output)
+            .hint("give a name such as 'motion.####.exr', in quotes")
+        })?;
+        let pictures: Vec<PathBuf> = numbers.iter().map(|number| to.path(*number)).collect();
+        let mut batch = Batch::new();
+        if let Some(folder) = pictures.first().and_then(|p| p.parent()).filter(|p| !p.as_os_str().is_empty()) {
+            batch.make_folder(folder)?;
+        }
+        pictures.first().map_or(Ok(()), |first| outputs::file(first, Content::Exr))?;
+        pictures.iter().try_for_each(|path| protected::check(path))?;
+        for path in &pictures {
+            outputs::is_own_picture(path, SETTINGS, &provenance, self.overwrite)?;
+        }
+        let attributes = provenance.attributes();
+        let bar = context.steps(numbers.len() as u64, "motion");
+        let (mut failed, mut largest) = (Vec::new(), 0.0_f32);
+        for (number, path) in numbers.iter().zip(&pictures) {
+            let result = tracing.film(*number, cancel).and_then(|film| {
+                let planes = film.planes.iter().filter(|plane| ["Vector.X", "Vector.Y"].contains(&plane.name.as_str()));
+                let most = planes.flat_map(|plane| &plane.samples).fold(0.0_f32, |most, v| most.max(v.abs()));
+                exr::write_picture(path, &film, &attributes, false)?;
+                Ok(most)
+            });
+            match result {
+                Ok(most) => largest = largest.max(most),
+                Err(e) if e.kind() == Kind::Cancelled => return Err(e),
+                Err(e) => {
+                    failed.push(Failed::new(*number, &e));
+                    context.failed(&failed[failed.len() - 1..]);
+                }
+            }
+            bar.inc(1);
+        }
+        drop(bar);
+        let frames = numbers.len() - failed.len();
+        if frames > 0 {
+            batch.commit()?;
+        }
+        let seconds = provenance.lap();
+        Ok(MotionReport { output: self.output.clone(), frames, failed, largest, density_scale, seconds })
+    }
+
+    /// Returns the numbers of the frames.
+    fn numbers(&self, capture: &Capture) -> Result<Vec<u32>> {
+        if let Some(frames) = self.frames {
+            return Ok(frames.numbers().collect());
+        }
+        let mut of_cameras: Vec<u32> = capture.frames.iter().filter_map(|frame| number_of(&frame.picture)).collect();
+        match Pattern::parse(&self.input) {
+            _ if capture.frames.len() > 1 && of_cameras.len() == capture.frames.len() => {
+                of_cameras.sort_unstable();
+                Ok(of_cameras)
+            }
+            Some(pattern) => pattern.all_numbers(),
+            None => Err(Error::invalid("neither cameras nor volumes have the numbers of frames")
+                .at(&self.cameras)
+                .hint("give them with ⟨frames=A⟩-B")),
+        }
+    }
+}

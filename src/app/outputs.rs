@@ -1,0 +1,229 @@
+//! Checks of the files that a command writes, before its work: names that fit their content, and files of other
+//! commands.
+
+use super::provenance::Provenance;
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::{atomic, exr, png, protected, transforms};
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+/// Kind of an output file's content.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Content {
+    /// OpenVDB file.
+    Vdb,
+    /// NanoVDB file.
+    NanoVdb,
+    /// JSON of a capture.
+    Capture,
+    /// JSON of a transfer function.
+    TransferFunction,
+    /// PNG picture.
+    Png,
+    /// OpenEXR picture.
+    Exr,
+    /// Array of NumPy.
+    Npy,
+    /// USD stage as text.
+    UsdText,
+}
+
+impl Content {
+    /// Extension of such files' names, and a phrase for their content.
+    fn ending(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Vdb => ("vdb", "an OpenVDB file"),
+            Self::NanoVdb => ("nvdb", "a NanoVDB file"),
+            Self::Capture => ("json", "a capture's JSON"),
+            Self::TransferFunction => ("json", "a transfer function's JSON"),
+            Self::Png => ("png", "a PNG"),
+            Self::Exr => ("exr", "an OpenEXR picture"),
+            Self::Npy => ("npy", "an array"),
+            Self::UsdText => ("usda", "a USD stage as text"),
+        }
+    }
+}
+
+/// Extensions of files, which no folder's name is meant to have.
+const FILES: [&str; 29] = [
+    "vdb", "nvdb", "exr", "png", "jpg", "jpeg", "tif", "tiff", "hdr", "json", "xml", "usd", "usda", "usdc", "usdz",
+    "npy", "npz", "html", "htm", "mp4", "txt", "csv", "nii", "gz", "nrrd", "mha", "mhd", "vti", "vtk",
+];
+
+/// Checks a file that is to be written: its name, and that its folder can be written to.
+///
+/// # Errors
+/// If the name has the extension of another kind of file, or the folder cannot be written to ([`atomic::probe`]).
+pub fn file(path: &Path, content: Content) -> Result<()> {
+    refuse_dash(path)?;
+    let (ending, what) = content.ending();
+    // "smoke.0001" has no ending: that is the number of a frame.
+    let named = path.extension().and_then(OsStr::to_str).filter(|e| e.chars().any(|c| c.is_ascii_alphabetic()));
+    if let Some(other) = named.filter(|e| !e.eq_ignore_ascii_case(ending)) {
+        return Err(Error::invalid(format!("{what} would be written, which a name that ends in .{other} hides"))
+            .at(path)
+            .hint(format!("let the name end in .{ending}")));
+    }
+    atomic::probe(path)
+}
+
+/// Checks the name of a folder that files are to be written into. It need not exist.
+///
+/// # Errors
+/// If the name has the extension of a file, or belongs to something that is no folder.
+pub fn folder(path: &Path) -> Result<()> {
+    refuse_dash(path)?;
+    if path.is_dir() {
+        return Ok(());
+    }
+    let hint = "give the name of a folder; it is made if it does not exist";
+    if path.exists() {
+        return Err(Error::invalid("this is no folder, and files are to be written into it").at(path).hint(hint));
+    }
+    let ending = path.extension().and_then(OsStr::to_str);
+    match ending.filter(|e| FILES.iter().any(|f| e.eq_ignore_ascii_case(f))) {
+        Some(ending) => {
+            Err(Error::invalid(format!("a folder would be made, which a name that ends in .{ending} hides"))
+                .at(path)
+                .hint(hint))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Checks a path for pictures, and returns the kind of file that it names: OpenEXR or PNG, by its ending; `None` for a
+/// folder.
+///
+/// # Errors
+/// If the name has the extension of another kind of file, or the place cannot be written to.
+pub fn pictures(path: &Path) -> Result<Option<Content>> {
+    let ends = |content: Content| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(content.ending().0));
+    match [Content::Exr, Content::Png].into_iter().find(|content| ends(*content) && !path.is_dir()) {
+        Some(content) => file(path, content).map(|()| Some(content)),
+        None => folder(path).map(|()| None),
+    }
+}
+
+fn refuse_dash(path: &Path) -> Result<()> {
+    if path.as_os_str() != "-" {
+        return Ok(());
+    }
+    Err(Error::unsupported("standard output is no place for files")
+        .at(path)
+        .hint("give the name of a file or folder; ⟨json⟩ prints the report on standard output"))
+}
+
+/// Makes sure that a capture and its pictures replace only files that the same settings wrote before.
+///
+/// # Errors
+/// If another capture, or a picture, would be replaced; the error names it.
+pub fn spare_captures(json: &Path, pictures: &[PathBuf], provenance: &Provenance) -> Result<()> {
+    let hint = "give another folder, or ⟨overwrite⟩ to replace it";
+    if json.exists() {
+        if is_own_capture(json, provenance) {
+            return Ok(());
+        }
+        return Err(Error::invalid("another capture lies here, and would be replaced with its pictures")
+            .at(json)
+            .hint(hint));
+    }
+    match pictures.iter().find(|p| p.exists()) {
+        Some(picture) => Err(Error::invalid("a picture lies here that would be replaced").at(picture).hint(hint)),
+        None => Ok(()),
+    }
+}
+
+/// Returns where a capture comes from, if it tells.
+pub fn provenance(json: &Path) -> Option<Provenance> {
+    let mut root = protected::unprotected(json, || transforms::read_object(json, Limits::default())).ok()?;
+    serde_json::from_value(root.remove("provenance")?).ok()
+}
+
+/// Returns true if a capture is there that the same settings wrote.
+pub fn is_own_capture(json: &Path, own: &Provenance) -> bool {
+    provenance(json).is_some_and(|earlier| own.same_settings(&earlier.settings))
+}
+
+/// Returns true if a picture in OpenEXR or PNG is there that the same settings wrote, whose hash is the picture's
+/// `attribute`.
+///
+/// # Errors
+/// If a picture is there that other settings wrote, or one that is damaged, unless `overwrite` is set.
+pub fn is_own_picture(path: &Path, attribute: &str, own: &Provenance, overwrite: bool) -> Result<bool> {
+    if !path.exists() {
+        return Ok(false);
+    }
+    let earlier = attributes(path).remove(attribute);
+    if earlier.is_some_and(|earlier| own.same_settings(&earlier)) {
+        return Ok(true);
+    }
+    if overwrite {
+        return Ok(false);
+    }
+    if is_damaged(path) {
+        return Err(Error::invalid("the picture that lies here is damaged or incomplete, and cannot be read")
+            .at(path)
+            .hint("⟨overwrite⟩ replaces it"));
+    }
+    Err(Error::invalid("a picture lies here that another command made, and would be replaced")
+        .at(path)
+        .hint("give another name, or ⟨overwrite⟩ to replace it"))
+}
+
+/// Returns true if what lies here is left of a picture that was cut short: a file of 0 bytes, or an OpenEXR file whose
+/// header cannot be read.
+pub fn is_damaged(path: &Path) -> bool {
+    protected::unprotected(path, || exr::is_damaged(path))
+}
+
+/// Returns true if a picture holds all that its header names; of a PNG, if it is not empty.
+pub fn is_whole(path: &Path) -> bool {
+    protected::unprotected(path, || match is_png(path) {
+        true => !exr::is_damaged(path),
+        false => exr::is_whole(path),
+    })
+}
+
+fn is_png(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+}
+
+/// Returns the attributes of a PNG or EXR that are texts; none if it cannot be read.
+pub fn attributes(path: &Path) -> exr::Attributes {
+    protected::unprotected(path, || match is_png(path) {
+        true => png::texts(path).unwrap_or_default(),
+        false => exr::header(path).map(|header| header.attributes()).unwrap_or_default(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_say_what_is_in_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        for name in ["a.vdb", "a.VDB", "a", "a.0001", "a.b.vdb"] {
+            file(&at(name), Content::Vdb).unwrap();
+        }
+        for name in ["a.exr", "a.nvdb", "a.usd", "a.npy", "a.vdb.tmp"] {
+            assert!(file(&at(name), Content::Vdb).unwrap_err().to_string().contains(".vdb"), "{name}");
+        }
+        file(&at("bone.tf.json"), Content::TransferFunction).unwrap();
+        assert!(file(Path::new("-"), Content::Png).is_err() && folder(Path::new("-")).is_err());
+        for name in ["shots", "shots.v2", "a/b"] {
+            folder(&at(name)).unwrap();
+        }
+        assert!(folder(&at("cloud.png")).is_err() && folder(&at("cloud.EXR")).is_err());
+        let kinds = ["a.exr", "A.PNG", "shots", "shots.v2"].map(|name| pictures(&at(name)).unwrap());
+        assert_eq!(kinds, [Some(Content::Exr), Some(Content::Png), None, None]);
+        assert!(pictures(&at("a.jpg")).is_err() && pictures(Path::new("-")).is_err());
+        std::fs::create_dir(at("old.png")).unwrap();
+        folder(&at("old.png")).unwrap();
+        assert_eq!(pictures(&at("old.png")).unwrap(), None);
+        std::fs::write(at("file"), "").unwrap();
+        assert!(folder(&at("file")).is_err());
+    }
+}

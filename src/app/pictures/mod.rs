@@ -1,0 +1,15 @@
+//! What pictures show, and from where: the subject, its cameras, media and lights, and the renderer that a plan of them
+//! calls for.
+
+mod capture;
+pub mod renderer;
+pub mod scales;
+pub mod scattering;
+mod settings;
+pub(in crate::app) mod settle;
+mod stage;
+pub mod subject;
+
+pub(in crate::app) use capture::Cameras;
+pub use settings::{DensityScale, PictureSettings, PlanningSettings};
+pub use stage::SIZE;

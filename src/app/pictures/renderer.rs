@@ -1,0 +1,127 @@
+//! The plan that follows from options, and the renderer that follows from the plan.
+
+use super::settings::PictureSettings;
+use crate::error::Result;
+use crate::plan::{Effect, Integrator, Plan, Request, State};
+use crate::render::any_renderer::AnyRenderer;
+use crate::render::path::PathTracer;
+use crate::render::quadrature::Quadrature;
+use crate::scene::scene::Scene;
+use std::fmt;
+
+/// The renderer of a scene.
+pub(in crate::app) enum Renderer<'a> {
+    /// Along straight rays.
+    Dvr {
+        /// Renderer.
+        dvr: AnyRenderer<'a>,
+        /// Rays along each edge of a pixel.
+        rays_per_edge: usize,
+    },
+    /// Along paths.
+    Paths(PathTracer<'a>),
+}
+
+impl PictureSettings {
+    /// Plans the rendering of a scene. `paths` tells whether anything needs paths besides scattering.
+    ///
+    /// # Errors
+    /// If a medium or a light cannot be used, or an effect is kept by force that the scene does not have.
+    pub fn plan(&self, scene: &Scene, paths: bool) -> Result<Plan> {
+        let mut force = self.planning.force.clone();
+        if paths {
+            force.push(Effect::Scattering);
+        }
+        let request = Request {
+            max_omitted: self.planning.max_omitted,
+            force,
+            limits: self.scattering.limits(),
+            background: self.background,
+        };
+        Plan::new(scene, &scene.cameras, &request).map_err(|e| e.at(&self.input))
+    }
+
+    /// True if effects may be left out that the scene calls for.
+    pub fn leaves_out(&self) -> bool {
+        self.planning.max_omitted > 0.0 || !self.planning.force.is_empty()
+    }
+
+    /// Creates the renderer of a scene that a plan has simplified, or that is to be rendered along straight rays.
+    /// `paths` tells whether paths were asked for.
+    ///
+    /// # Errors
+    /// If a medium or a light cannot be used.
+    pub(in crate::app) fn renderer<'a>(
+        &self,
+        plan: Option<&Plan>,
+        scene: &'a Scene,
+        paths: bool,
+    ) -> Result<Renderer<'a>> {
+        let Some(plan) = plan.filter(|plan| plan.integrator == Integrator::PathTracing) else {
+            let dvr = AnyRenderer::new(scene, self.quadrature(scene))?.early_stop(self.early_stop);
+            return Ok(Renderer::Dvr { dvr, rays_per_edge: self.rays_per_edge(paths) });
+        };
+        let tracer = PathTracer::new(scene)?.limits(plan.limits);
+        Ok(Renderer::Paths(match plan.background {
+            Some(background) => tracer.background(background),
+            None => tracer,
+        }))
+    }
+
+    /// Returns the quadrature along straight rays.
+    pub fn quadrature(&self, scene: &Scene) -> Quadrature {
+        self.quadrature.unwrap_or_else(|| AnyRenderer::usual_quadrature(scene))
+    }
+
+    /// Returns the rays along each edge of a pixel. A picture that was to be made of paths, of which none is called
+    /// for, has as many rays as paths were asked for, or more.
+    pub fn rays_per_edge(&self, paths: bool) -> usize {
+        match paths {
+            true => f64::from(self.scattering.samples()).sqrt().ceil() as usize,
+            false => self.supersample as usize,
+        }
+    }
+}
+
+/// A line of text that tells what a plan simulates, and how.
+pub(in crate::app) struct Chosen<'p>(pub &'p Plan);
+
+impl fmt::Display for Chosen<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = |state| {
+            let of = self.0.effects.iter().filter(|planned| planned.state == state);
+            of.map(|planned| planned.name.to_string()).collect::<Vec<_>>().join(", ")
+        };
+        let integrator = match self.0.integrator {
+            Integrator::DirectVolumeRendering => "direct volume rendering",
+            Integrator::PathTracing => "path tracing",
+        };
+        write!(f, "plan: {integrator}")?;
+        for (state, word) in [(State::On, "on"), (State::Bounded, "in part"), (State::Off, "off")] {
+            let names = names(state);
+            if !names.is_empty() {
+                write!(f, "; {word}: {names}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A line of text that tells what a plan leaves out.
+pub(in crate::app) struct LeftOut<'p>(pub &'p Plan);
+
+impl fmt::Display for LeftOut<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(omitted) = self.0.omitted else { return write!(f, "no bound of what is left out is known") };
+        if omitted == 0.0 {
+            return write!(f, "nothing is left out");
+        }
+        write!(f, "at most {omitted:.2e} of radiance is missing in any channel of a pixel:")?;
+        let missing =
+            self.0.effects.iter().filter(|e| e.state != State::On && e.bound.is_some_and(|bound| bound > 0.0));
+        for (i, effect) in missing.enumerate() {
+            write!(f, "{} {} ({})", if i == 0 { "" } else { "," }, effect.name, effect.reason)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,322 @@
+//! Scattering media and their lights, and the scene that settings of them describe.
+
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits as FileLimits;
+use crate::formats::scene_file::environment_map;
+use crate::formats::usd::ScatteringOverride;
+use crate::render::path::{Counts, Limits, Sampling};
+use crate::scene::environment::Environment;
+use crate::scene::light::Light;
+use crate::scene::medium::Scattering;
+use crate::scene::phase::Phase;
+use crate::scene::scene::Scene;
+use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Light from all around.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Sky {
+    /// Radiance that is the same from all directions.
+    Color([f32; 3]),
+    /// Equirectangular picture.
+    File(#[serde(with = "crate::app::paths")] PathBuf),
+}
+
+impl Sky {
+    /// Returns the path of the picture, if it is one.
+    pub fn file(&self) -> Option<&Path> {
+        match self {
+            Self::File(path) => Some(path),
+            Self::Color(_) => None,
+        }
+    }
+}
+
+/// Settings of a scattering medium and its lights. A medium that scatters light is rendered by path tracing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ScatteringSettings {
+    /// Fraction of the extinction that is scattered in R, G and B, from 0 to 1; none for no scattering.
+    pub albedo: Option<[f32; 3]>,
+    /// Mean cosine of the scattering angle (Henyey-Greenstein), -0.999 to 0.999; none for that of a stage, else 0.
+    pub anisotropy: Option<f64>,
+    /// Change of density per world length at which half of the light is scattered as by a surface; none for a medium
+    /// alone.
+    pub gradient_shading: Option<f64>,
+    /// Factors of the extinction in R, G and B; none for those of a stage, else 1.
+    pub extinction_color: Option<[f32; 3]>,
+    /// Vector from the volume towards a sun.
+    pub sun: Option<[f64; 3]>,
+    /// Irradiance of the sun in R, G and B on a surface that faces it.
+    pub sun_color: [f32; 3],
+    /// Angle across the sun in degrees.
+    pub sun_angle: f64,
+    /// Radiance from all around; none for black with a sun, else white.
+    pub sky: Option<Sky>,
+    /// Paths per pixel; none for 64.
+    pub samples: Option<u32>,
+    /// Seed of the random numbers; none for 0.
+    pub seed: Option<u64>,
+    /// Most scatterings along a path; none for no limit.
+    pub max_bounces: Option<u32>,
+    /// Most radiance that is scattered to a path; none for no clamping.
+    pub clamp: Option<f64>,
+}
+
+impl Default for ScatteringSettings {
+    fn default() -> Self {
+        Self {
+            albedo: None,
+            anisotropy: None,
+            gradient_shading: None,
+            extinction_color: None,
+            sun: None,
+            sun_color: [1.0; 3],
+            sun_angle: 0.53,
+            sky: None,
+            samples: None,
+            seed: None,
+            max_bounces: None,
+            clamp: None,
+        }
+    }
+}
+
+/// Paths per pixel unless stated.
+const SAMPLES: u32 = 64;
+
+impl ScatteringSettings {
+    /// Returns true if path tracing is asked for.
+    pub fn on(&self) -> bool {
+        self.albedo.is_some()
+    }
+
+    /// True if the settings state lights.
+    pub fn lights(&self) -> bool {
+        self.sun.is_some() || self.sky.is_some()
+    }
+
+    /// Returns what the settings state of how a stage's media scatter; `None` without an albedo.
+    pub fn overrides(&self) -> Option<ScatteringOverride> {
+        let Self { anisotropy, gradient_shading, extinction_color, .. } = *self;
+        self.albedo.map(|albedo| ScatteringOverride { albedo, anisotropy, gradient_shading, extinction_color })
+    }
+
+    /// Returns the factors of the extinction in red, green and blue.
+    pub fn extinction_color(&self) -> [f32; 3] {
+        self.extinction_color.unwrap_or([1.0; 3])
+    }
+
+    /// Returns the radiance that is the same from all around.
+    pub fn sky(&self) -> [f32; 3] {
+        match &self.sky {
+            Some(Sky::Color(color)) => *color,
+            Some(Sky::File(_)) => [0.0; 3],
+            None if self.sun.is_some() => [0.0; 3],
+            None => [1.0; 3],
+        }
+    }
+
+    /// Returns the picture of the sky, if one is given.
+    pub fn sky_file(&self) -> Option<&Path> {
+        self.sky.as_ref().and_then(Sky::file)
+    }
+
+    /// Returns how the medium scatters; `None` without path tracing.
+    pub fn scattering(&self) -> Option<Scattering> {
+        let phase = Phase::of_anisotropy(self.anisotropy.unwrap_or_default());
+        let gradient_shading = self.gradient_shading;
+        self.albedo.map(|albedo| Scattering { gradient_shading, ..Scattering::new(albedo, phase) })
+    }
+
+    /// Puts the environment and the lights of the settings into a scene.
+    ///
+    /// # Errors
+    /// If the picture of the sky cannot be read or used.
+    pub fn light(&self, scene: Scene, limits: FileLimits) -> Result<Scene> {
+        let map = self.sky_file().map(|path| environment_map(path, [1.0; 3], limits).map(Arc::new)).transpose()?;
+        let sun = self.sun.map(|direction| Light::Sun {
+            direction: DVec3::from_array(direction),
+            irradiance: Vec3::from_array(self.sun_color),
+            angle: self.sun_angle.to_radians(),
+        });
+        let environment = Environment { radiance: self.sky(), map };
+        Ok(Scene { environment, lights: sun.into_iter().collect(), ..scene })
+    }
+
+    /// Returns how far paths go at most.
+    pub fn limits(&self) -> Limits {
+        Limits { max_bounces: self.max_bounces.unwrap_or(u32::MAX) }
+    }
+
+    /// Refuses settings of path tracing without it.
+    ///
+    /// # Errors
+    /// If such a setting is given, and `paths` is false.
+    pub fn check(&self, paths: bool) -> Result<()> {
+        let given = [
+            ("⟨samples⟩", self.samples.is_some()),
+            ("⟨seed⟩", self.seed.is_some()),
+            ("⟨max_bounces⟩", self.max_bounces.is_some()),
+            ("⟨clamp⟩", self.clamp.is_some()),
+        ];
+        match given.iter().find(|(_, given)| *given && !paths) {
+            Some((option, _)) => {
+                Err(Error::invalid(format!("{option}: nothing is scattered, and no paths are traced"))
+                    .hint(format!("give ⟨albedo⟩ or a scene file, or leave {option} out")))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Returns the paths per pixel.
+    pub fn samples(&self) -> u32 {
+        self.samples.unwrap_or(SAMPLES)
+    }
+
+    /// Returns the paths of a view.
+    pub fn sampling(&self, view: usize) -> Sampling {
+        let sampling = Sampling::new(self.samples(), self.seed.unwrap_or(0) ^ (view as u64) << 32);
+        Sampling { clamp: self.clamp.map(|most| most as f32), ..sampling }
+    }
+
+    /// Returns the settings as the capture's record of how its pictures were made.
+    pub fn record(&self) -> Value {
+        json!({
+            "albedo": self.albedo,
+            "anisotropy": self.anisotropy.unwrap_or_default(),
+            "gradient_shading": self.gradient_shading,
+            "extinction_color": self.extinction_color(),
+            "sky": match &self.sky {
+                Some(Sky::File(path)) => json!(path.to_string_lossy()),
+                _ => json!(self.sky()),
+            },
+            "sun": self.sun.map(|sun| json!({
+                "direction": sun,
+                "irradiance": self.sun_color,
+                "angle_degrees": self.sun_angle,
+            })),
+            "samples": self.samples(),
+            "seed": self.sampling(0).seed,
+            "max_bounces": self.max_bounces,
+            "clamp": self.clamp,
+        })
+    }
+
+    /// Returns the summary of the events while pictures were traced.
+    pub fn paths(&self, counts: Counts) -> Paths {
+        let each = |events: u64| events as f64 / counts.paths.max(1) as f64;
+        Paths {
+            samples: self.samples(),
+            max_bounces: self.max_bounces,
+            paths: counts.paths,
+            collisions_per_path: each(counts.collisions),
+            lookups_per_path: each(counts.lookups),
+            shadow_rays_per_path: each(counts.shadow_rays),
+            majorant_violations: counts.violations,
+            impossible_directions: counts.impossible,
+            clamp: self.clamp.map(|most| Clamp {
+                most,
+                share_of_paths: each(counts.clamped),
+                lost_radiance: counts.lost / counts.paths.max(1) as f64,
+            }),
+        }
+    }
+}
+
+/// Returns the settings that state the albedo and the lights that [`ScatteringSettings::record`] has put into a
+/// capture; `None` without an albedo.
+pub fn recorded(record: &Value) -> Option<String> {
+    let text = |number: &Value| match number.as_f64() {
+        // Colors were numbers of 32 bits.
+        Some(v) if f64::from(v as f32) == v => (v as f32).to_string(),
+        _ => number.to_string(),
+    };
+    let join = |all: &[Value]| all.iter().map(text).collect::<Vec<_>>().join(",");
+    let value = |path: &str| record.pointer(path).filter(|value| !value.is_null());
+    let option = |name: &str, path: &str| {
+        let words = match value(path)? {
+            Value::Array(all) if all.windows(2).all(|pair| pair[0] == pair[1]) => join(&all[..1.min(all.len())]),
+            Value::Array(all) => join(all),
+            Value::String(path) => path.clone(),
+            number => text(number),
+        };
+        Some(format!("⟨{name}={words}⟩"))
+    };
+    let sun = value("/sun/direction").and_then(Value::as_array).map(|direction| format!("⟨sun={}⟩", join(direction)));
+    let options = [
+        Some(option("albedo", "/albedo")?),
+        option("anisotropy", "/anisotropy").filter(|words| words != "⟨anisotropy=0⟩"),
+        option("gradient_shading", "/gradient_shading"),
+        option("extinction_color", "/extinction_color").filter(|words| words != "⟨extinction_color=1⟩"),
+        sun,
+        option("sun_color", "/sun/irradiance"),
+        option("sun_angle", "/sun/angle_degrees"),
+        option("sky", "/sky"),
+    ];
+    Some(options.into_iter().flatten().collect::<Vec<_>>().join(" "))
+}
+
+/// Number of events while paths were traced.
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
+pub struct Paths {
+    /// Paths per pixel.
+    pub samples: u32,
+    /// Most scatterings along a path; none without a limit.
+    pub max_bounces: Option<u32>,
+    /// Paths of all pictures.
+    pub paths: u64,
+    /// Real collisions with the medium.
+    pub collisions_per_path: f64,
+    /// Densities looked up to find collisions.
+    pub lookups_per_path: f64,
+    /// Rays to lights.
+    pub shadow_rays_per_path: f64,
+    /// Extinctions above their bound; any of them biases the pictures.
+    pub majorant_violations: u64,
+    /// Directions of no density; any of them biases the pictures.
+    pub impossible_directions: u64,
+    /// Clamping, if it was asked for.
+    pub clamp: Option<Clamp>,
+}
+
+/// Effect of clamping on pictures.
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
+pub struct Clamp {
+    /// Most radiance that was scattered to a path.
+    pub most: f64,
+    /// Share of paths that were clamped.
+    pub share_of_paths: f64,
+    /// Radiance that pixels lost, on average.
+    pub lost_radiance: f64,
+}
+
+impl fmt::Display for Paths {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let bounces = self.max_bounces.map_or("any number of".to_owned(), |most| format!("at most {most}"));
+        write!(f, "  {} paths a pixel, {bounces} scatterings; ", self.samples)?;
+        let Self { collisions_per_path, lookups_per_path, shadow_rays_per_path, .. } = self;
+        write!(f, "{collisions_per_path:.2} collisions, {lookups_per_path:.1} lookups and ")?;
+        write!(f, "{shadow_rays_per_path:.2} rays to lights a path")?;
+        if let Some(Clamp { most, share_of_paths, lost_radiance }) = self.clamp {
+            let percent = 100.0 * share_of_paths;
+            write!(
+                f,
+                "\n  clamped at {most}: {percent:.2} % of the paths, pixels lost {lost_radiance:.2e} on average"
+            )?;
+        }
+        if self.majorant_violations + self.impossible_directions > 0 {
+            write!(
+                f,
+                "\nwarning: {} majorants violated, {} impossible directions: the pictures are biased",
+                self.majorant_violations, self.impossible_directions
+            )?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,224 @@
+//! What `cumulo render` renders: the grids of one volume, or a scene file.
+
+use super::settings::PictureSettings;
+use crate::app::provenance::Provenance;
+use crate::app::volume;
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::scene_file::{self, LoadedScene, SceneVolume};
+use crate::formats::{self, Format};
+use crate::scene::bricks::Bricks;
+use crate::scene::capture::{Capture, EmissionModel, Model};
+use crate::scene::emission::{self, Emission, Emitted};
+use crate::scene::grid::Grid;
+use crate::scene::medium::{Medium, Source};
+use crate::scene::scene::Scene;
+use crate::scene::table::Table;
+use crate::scene::transfer::Transfer;
+use crate::scene::volume::{Grids, Volume};
+use glam::{DMat4, DVec3};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Subject of the pictures.
+#[allow(clippy::large_enum_variant, reason = "there is one at a time")]
+pub(in crate::app) enum Subject {
+    /// The grids of one volume, whose medium and light the settings and `cameras` tell.
+    Grids(Grids),
+    /// A scene file, or a USD stage.
+    Scene {
+        /// Scene.
+        scene: Scene,
+        /// True if another frame shows other volumes.
+        moving: bool,
+        /// Remarks on statements that have no effect, and on what is assumed.
+        remarks: Vec<String>,
+    },
+}
+
+impl Subject {
+    /// Returns world points around all that may be seen; `transfer` is the function by which the grids are.
+    pub fn outline(&self, transfer: Option<&Transfer>) -> Vec<DVec3> {
+        let by_function = |field: &Bricks<f32>, table: &Table| {
+            let shown = field.outline_of(|value| table.at(f64::from(value))[3] > 0.0);
+            // What a function shows between two voxels alone lies among them all.
+            if shown.is_empty() { field.outline() } else { shown }
+        };
+        let outline = |volume: &Volume| match volume {
+            Volume::Density(field, Medium { source: Source::Transfer(table), .. }) => by_function(field, table),
+            Volume::Density(field, _) | Volume::Emissive { density: field, .. } => field.outline(),
+            Volume::PreShaded(volume) => volume.channel(3).outline(),
+        };
+        match self {
+            Self::Grids(grids) => {
+                let field = grids.density_or_extinction();
+                match transfer.and_then(|transfer| transfer.table().ok()) {
+                    Some(table) => by_function(&field, &table),
+                    None => field.outline(),
+                }
+            }
+            Self::Scene { scene, .. } => scene.volumes.iter().flat_map(outline).collect(),
+        }
+    }
+
+    /// True if it is rendered by path tracing whatever the settings say.
+    pub fn is_scene(&self) -> bool {
+        matches!(self, Self::Scene { .. })
+    }
+
+    /// Returns what is stated and has no effect, or is assumed, in words.
+    pub fn remarks(&self) -> &[String] {
+        match self {
+            Self::Grids(_) => &[],
+            Self::Scene { remarks, .. } => remarks,
+        }
+    }
+
+    /// Returns the index-to-world map of the volume, if there is but one.
+    pub fn lattice(&self) -> Option<DMat4> {
+        match self {
+            Self::Grids(grids) => Some(grids.density_or_extinction().transform.matrix()),
+            Self::Scene { .. } => None,
+        }
+    }
+}
+
+/// Returns a volume beside which grids emit.
+fn emissive(
+    grid: &Grid,
+    density: Bricks<f32>,
+    medium: Medium,
+    emissions: Vec<(Grid, Emission)>,
+    limits: Limits,
+) -> Result<Volume> {
+    if !matches!(medium.source, Source::Grey(color) if color == [0.0; 3]) {
+        return Err(Error::unsupported("a medium emits by its density and by grids of its own")
+            .hint("leave 'emission', or 'emission_grid' and 'blackbody', out"));
+    }
+    // Beside one number for each voxel and grid there are four for the emission with the extinction, and one for its
+    // strength; grids may lie apart.
+    let each = limits.max_memory / (6 * (emissions.len() as u64 + 1) + 1);
+    let expanded = Bricks::from_grid(grid, each)?;
+    let field = |(grid, emission): (Grid, Emission)| Ok((Bricks::from_grid(&grid, each)?, emission));
+    let grids = emissions.into_iter().map(field).collect::<Result<Vec<_>>>()?;
+    let emission = emission::volume(&expanded, medium.extinction, &grids)?;
+    Ok(Volume::Emissive { density, medium, emission: Box::new(Emitted::new(emission)) })
+}
+
+impl PictureSettings {
+    /// Reads what is to be rendered, with the transfer function that the pictures will show.
+    pub(in crate::app) fn subject(
+        &self,
+        template: Option<&Capture>,
+        limits: Limits,
+        provenance: &mut Provenance,
+    ) -> Result<(Subject, Option<Transfer>)> {
+        let format = formats::sniff(&self.input)?;
+        if matches!(format, Format::Capture | Format::Usd) {
+            let loaded = match format {
+                Format::Usd => self.staged(limits)?,
+                _ => {
+                    self.check_scene_file()?;
+                    scene_file::load_within(&self.input, self.frame, limits)?
+                }
+            };
+            let LoadedScene { volumes, lights, environment, files, moving, remarks } = loaded;
+            provenance.files([&self.input].into_iter().chain(&files).map(PathBuf::as_path))?;
+            let mut velocities = Vec::new();
+            let volume = |(number, read): (usize, SceneVolume)| {
+                velocities.extend(read.velocity.map(|velocity| (number, velocity)));
+                let field =
+                    volume::arrange(&read.grid, read.transfer.as_ref(), limits).map_err(|e| e.at(&read.path))?;
+                let medium = read.medium;
+                if read.emissions.is_empty() {
+                    return Ok(Volume::Density(field, medium));
+                }
+                emissive(&read.grid, field, medium, read.emissions, limits).map_err(|e| e.at(&read.path))
+            };
+            let volumes = volumes.into_iter().enumerate().map(volume).collect::<Result<_>>()?;
+            let scene = Scene { volumes, lights, environment, velocities, cameras: Vec::new() };
+            return Ok((Subject::Scene { scene, moving, remarks }, None));
+        }
+        let (grids, transfer) = self.grids(template, limits)?;
+        provenance.files(self.files())?;
+        Ok((Subject::Grids(grids), transfer))
+    }
+
+    /// Returns the files that pictures of one volume are made from, beside those of the cameras.
+    pub(in crate::app) fn files(&self) -> impl Iterator<Item = &Path> {
+        std::iter::once(self.input.as_path()).chain(self.transfer.file()).chain(self.scattering.sky_file())
+    }
+
+    /// Refuses settings that a scene file states itself.
+    fn check_scene_file(&self) -> Result<()> {
+        let given = [
+            ("⟨model⟩", self.model.is_some()),
+            ("⟨density_scale⟩", self.density_scale.is_some()),
+            ("⟨emission⟩", self.emission.is_some()),
+            ("⟨emission_model⟩", self.emission_model.is_some()),
+            ("⟨tf⟩", self.transfer.tf.is_some()),
+            ("⟨grid⟩", self.grid.is_some()),
+            ("⟨quadrature⟩", self.quadrature.is_some()),
+            ("⟨supersample⟩", self.supersample > 1),
+            ("⟨albedo⟩", self.scattering.on()),
+        ];
+        match given.iter().find(|(_, given)| *given) {
+            Some((option, _)) => {
+                Err(Error::invalid(format!("{option}: the scene file states its own media and lights"))
+                    .at(&self.input)
+                    .hint(format!("leave {option} out, or render the VDB itself")))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Reads the volume's grids, and returns them with the transfer function that the pictures will show.
+    fn grids(&self, template: Option<&Capture>, limits: Limits) -> Result<(Grids, Option<Transfer>)> {
+        if self.model.or(template.map(|c| c.model)) == Some(Model::PreShaded) && self.transfer.tf.is_none() {
+            return Ok((volume::read_pre_shaded(&self.input, self.grid.as_deref(), limits)?, None));
+        }
+        let (grid, loaded) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
+        let transfer = self.transfer(loaded, template);
+        let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
+        Ok((Grids::Density(field), transfer))
+    }
+
+    /// Chooses the transfer function that the pictures will show: `loaded` if it is that of `tf`, else that of
+    /// `cameras`, else the one that the grid carries, which is `loaded` then; none for other models.
+    fn transfer(&self, loaded: Option<Transfer>, template: Option<&Capture>) -> Option<Transfer> {
+        if self.transfer.tf.is_some() {
+            return loaded;
+        }
+        let emits = |m: Model| m == Model::EmissionAbsorption;
+        let other = self.model.is_some_and(|m| !emits(m)) || self.emission.is_some() || self.emission_model.is_some();
+        match template {
+            _ if other => None,
+            Some(capture) if self.model.is_none() || emits(capture.model) => {
+                capture.transfer.clone().filter(|_| emits(capture.model))
+            }
+            _ => loaded,
+        }
+    }
+
+    /// Returns the scene that the pictures will show.
+    pub(in crate::app) fn scene(&self, capture: &Capture, subject: Subject) -> Result<Scene> {
+        let cameras = capture.frames.iter().map(|frame| frame.camera).collect();
+        let field = match subject {
+            Subject::Scene { scene, .. } => return Ok(Scene { cameras, ..scene }),
+            Subject::Grids(grids) if !self.scattering.on() => return Scene::shown_by(capture, grids),
+            Subject::Grids(Grids::Density(field)) => field,
+            Subject::Grids(Grids::EmissionExtinction(_)) => {
+                return Err(Error::unsupported("a pre-shaded volume has no albedo").hint("render it without ⟨albedo⟩"));
+            }
+        };
+        let source = match (&capture.transfer, self.emission, capture.emission_model) {
+            (Some(transfer), ..) => Source::Transfer(Arc::new(transfer.table()?)),
+            (None, Some(color), EmissionModel::Linear) => Source::Linear(color),
+            (None, color, _) => Source::Grey(color.unwrap_or_default()),
+        };
+        let medium = Medium::new(capture.density_scale, source).chromatic(self.scattering.extinction_color())?;
+        let medium = Medium { scattering: self.scattering.scattering(), ..medium };
+        let scene = Scene { volumes: vec![Volume::Density(field, medium)], cameras, ..Scene::default() };
+        self.scattering.light(scene, self.limits)
+    }
+}

@@ -1,0 +1,402 @@
+//! Sequences: a picture for each frame, of one volume or of one for each frame. Every picture is in place as soon as it
+//! is done; one that fails does not stop the others.
+
+use super::sequence::{Done, Sequence, Shot};
+use super::target::Target;
+use super::visibility::Visibility;
+use super::{RenderSettings, fits, remarks};
+use crate::app::Context;
+use crate::app::context::Picture;
+use crate::app::failed::{Failed, List};
+use crate::app::pictures::Cameras;
+use crate::app::pictures::DensityScale;
+use crate::app::pictures::renderer::Chosen;
+use crate::app::pictures::scales::DensityScales;
+use crate::app::pictures::scattering::Paths;
+use crate::app::pictures::settle::Settled;
+use crate::app::pictures::subject::Subject;
+use crate::app::renewed::{self, Earlier, Renewed};
+use crate::app::up::ChosenUp;
+use crate::error::{Error, Kind, Result};
+use crate::formats::atomic::Batch;
+use crate::formats::png::ToneMapping;
+use crate::formats::sequence::{self, Pattern};
+use crate::formats::vdb::{File, velocity};
+use crate::render::path::{Counts, View};
+use crate::scene::camera::Camera;
+use crate::scene::capture::{Capture, Frame};
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// Report of the frames of a sequence.
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub struct FramesReport {
+    #[serde(serialize_with = "crate::app::paths::text")]
+    output: PathBuf,
+    rendered: usize,
+    skipped: usize,
+    /// Frames that were there and were rendered again, by the input that has changed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    renewed: Vec<Renewed>,
+    failed: Vec<Failed>,
+    #[serde(flatten)]
+    scales: DensityScales,
+    /// How radiance became the samples of PNGs; none if none were written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tone_mapping: Option<ToneMapping>,
+    paths: Option<Paths>,
+    /// Up axis about which the camera was placed; none where it was given.
+    up: Option<ChosenUp>,
+    seconds: f64,
+}
+
+impl FramesReport {
+    /// True if no frame failed.
+    pub fn complete(&self) -> bool {
+        self.failed.is_empty()
+    }
+}
+
+impl fmt::Display for FramesReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { output, rendered, skipped, renewed, failed, scales, tone_mapping, paths, seconds, .. } = self;
+        write!(f, "{}: {rendered} frames in {seconds:.2} s, ", output.display())?;
+        write!(f, "{skipped} that were there, {} that failed; {scales}", failed.len())?;
+        write!(f, "{}", renewed::List(renewed))?;
+        tone_mapping.iter().try_for_each(|tone| write!(f, "\n  PNG: {tone}"))?;
+        paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))?;
+        write!(f, "{}", List(failed))
+    }
+}
+
+impl RenderSettings {
+    /// True if frames are to be rendered, not views.
+    pub(super) fn is_sequence(&self) -> bool {
+        self.frames.is_some() || Pattern::parse(&self.pictures.input).is_some()
+    }
+
+    /// Renders the frames and writes them. A frame that fails is part of the report.
+    ///
+    /// # Errors
+    /// If no frame can be begun, or pictures of other commands would be replaced.
+    pub(super) fn run_frames(&self, target: Target<'_>, context: &Context) -> Result<FramesReport> {
+        let mut provenance = self.provenance(context);
+        let pattern = Pattern::parse(&self.pictures.input);
+        let numbers: Vec<u32> = match (self.frames, &pattern) {
+            (Some(frames), _) => frames.numbers().collect(),
+            (None, Some(pattern)) => pattern.all_numbers()?,
+            (None, None) => Vec::new(),
+        };
+        if let (Some(pattern), Some(_)) = (&pattern, self.frames) {
+            there(pattern, &numbers)?;
+        }
+        target.holds(numbers.len(), "frames", "⟨frames=N⟩")?;
+        let mut template = self.pictures.template(Some(&numbers), &mut provenance)?;
+        self.pictures.check_cameras(template.as_ref())?;
+        let mut pictures = self.pictures.clone();
+        if let Some(template) = &mut template {
+            let chosen = pictures.chosen(template.frames.len())?;
+            template.frames = chosen.into_iter().map(|i| template.frames[i].clone()).collect();
+            pictures.view.clear();
+        }
+        let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
+        if self.pictures.views.is_some_and(|views| views > 1) {
+            return Err(Error::invalid("⟨views⟩: a sequence has one picture for each frame")
+                .hint("give ⟨views=1⟩ for a camera at rest, or ⟨cameras⟩ with one for each frame"));
+        }
+        let paths = numbers.iter().map(|number| target.picture(&format!("frame.{number:04}.exr")));
+        let frames: Vec<(u32, PathBuf)> = numbers.iter().copied().zip(paths).collect();
+        let mut sequence = Sequence {
+            render: self,
+            target,
+            pictures,
+            pattern,
+            template,
+            cameras: cameras.unwrap_or_default(),
+            up: None,
+            provenance: provenance.clone(),
+            inputs: BTreeMap::new(),
+            shot: None,
+            visibility: Visibility::default(),
+            remarks: BTreeSet::new(),
+            cancel: context.cancel(),
+        };
+        sequence.spare(&frames)?;
+        sequence.settle(&frames, context)?;
+        // A folder that stays empty is removed again.
+        let mut batch = Batch::new();
+        if let Target::Folder(folder) = target {
+            batch.make_folder(folder)?;
+        }
+
+        let Results { done, failed, skipped, renewed, counts } = sequence.all(&frames, context)?;
+        provenance.inputs.extend(std::mem::take(&mut sequence.inputs));
+        let seconds = provenance.lap();
+        if skipped < done.len() {
+            sequence.note_nothing(context);
+        }
+        let scales = sequence.write(&done, &mut provenance, context)?;
+        if !done.is_empty() {
+            batch.commit()?;
+        }
+        let paths = (counts.paths > 0).then(|| self.pictures.scattering.paths(counts));
+        let rendered = done.len() - skipped;
+        Ok(FramesReport {
+            output: self.output.clone(),
+            rendered,
+            skipped,
+            renewed: renewed::by_input(renewed),
+            failed,
+            scales,
+            tone_mapping: self.tone_mapping_used(),
+            paths,
+            up: sequence.up,
+            seconds,
+        })
+    }
+
+    /// Returns the cameras of the frames, cropped, as [`between`] does.
+    fn cameras(&self, template: &Capture, numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
+        let path = self.pictures.cameras.as_deref().unwrap_or(Path::new(""));
+        let cropped = |cameras: [Camera; 3]| {
+            let [before, camera, after] = cameras.map(|camera| self.pictures.cropped(camera));
+            Ok([before?, camera?, after?])
+        };
+        between(template, path, numbers)?.into_iter().map(cropped).collect()
+    }
+}
+
+/// Returns the camera of each frame, the one whose picture bears the frame's number, or the only one; before and after
+/// it those of the numbers next to it, or itself. `path` is that of the capture.
+///
+/// # Errors
+/// If a frame has no camera.
+pub fn between(template: &Capture, path: &Path, numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
+    if let [only] = &template.frames[..] {
+        return Ok(vec![[only.camera; 3]]);
+    }
+    let of = |number: Option<u32>| {
+        let bears = |frame: &&Frame| number.is_some() && sequence::number_of(&frame.picture) == number;
+        template.frames.iter().find(bears).map(|frame| frame.camera)
+    };
+    let find = |number: &u32| {
+        let beside = |camera| [number.checked_sub(1), number.checked_add(1)].map(|n| of(n).unwrap_or(camera));
+        let between = |camera| {
+            let [before, after] = beside(camera);
+            [before, camera, after]
+        };
+        of(Some(*number)).map(between).ok_or_else(|| {
+            let known: Vec<u32> = template.frames.iter().filter_map(|f| sequence::number_of(&f.picture)).collect();
+            let range = known.iter().min().zip(known.iter().max());
+            let known = range.map_or("no numbers".into(), |(a, b)| format!("the numbers {a} to {b}"));
+            Error::invalid(format!("no camera for frame {number}: the pictures' names have {known}"))
+                .at(path)
+                .hint("choose frames with ⟨frames⟩, or give one camera for all of them")
+        })
+    };
+    numbers.iter().map(find).collect()
+}
+
+/// Refuses frames of which none is there.
+fn there(pattern: &Pattern, numbers: &[u32]) -> Result<()> {
+    let known = pattern.numbers()?;
+    match (known.first(), known.last()) {
+        (Some(first), Some(last)) if !numbers.iter().any(|number| known.binary_search(number).is_ok()) => {
+            Err(Error::invalid("none of the selected frames is there")
+                .at(pattern.name())
+                .hint(format!("the frames that are there lie from {first} to {last}; choose among them")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Results of the frames so far.
+#[derive(Default)]
+struct Results {
+    /// Frames that are there.
+    done: Vec<Done>,
+    failed: Vec<Failed>,
+    skipped: usize,
+    /// Frames that were there and were rendered again, with the input that has changed.
+    renewed: Vec<(u32, PathBuf)>,
+    counts: Counts,
+}
+
+impl Sequence<'_> {
+    /// Renders one frame after the other.
+    ///
+    /// # Errors
+    /// If the work is interrupted.
+    fn all(&mut self, frames: &[(u32, PathBuf)], context: &Context) -> Result<Results> {
+        let bar = context.pictures(frames.len() as u64, "render");
+        let mut results = Results::default();
+        for (place, (number, path)) in frames.iter().enumerate() {
+            let picture = bar.picture();
+            let earlier = self.state(*number, path);
+            let result = match earlier {
+                Earlier::Whole => Ok(None),
+                _ => self.frame((place, *number), path, &picture, context).map(Some),
+            };
+            match result {
+                Err(e) if e.kind() == Kind::Cancelled => return Err(e),
+                Err(e) => {
+                    let failed = Failed::new(*number, &e);
+                    context.failed(std::slice::from_ref(&failed));
+                    results.failed.push(failed);
+                }
+                Ok(counts) => {
+                    results.skipped += usize::from(counts.is_none());
+                    results.counts = results.counts.plus(counts.unwrap_or_default());
+                    results.done.push((place, *number, path.clone()));
+                    if let Earlier::Outdated(input) = earlier {
+                        results.renewed.push((*number, input));
+                    }
+                }
+            }
+        }
+        drop(bar);
+        Ok(results)
+    }
+
+    /// Takes what must not change from frame to frame once: that of earlier runs whose frames stay, or of some frames.
+    fn settle(&mut self, frames: &[(u32, PathBuf)], context: &Context) -> Result<()> {
+        let numbers: Vec<u32> = frames.iter().map(|(number, _)| *number).collect();
+        let placed = self.cameras.is_empty();
+        if placed {
+            // The first file that can be asked: others fail by themselves.
+            self.up = numbers.iter().find_map(|number| self.up_of(*number));
+            self.up.iter().for_each(|up| context.note(up));
+        }
+        let up = placed.then(|| self.up.as_ref().map(|up| up.axis).unwrap_or_default());
+        let own: Vec<&Path> = frames.iter().map(|(_, path)| path.as_path()).collect();
+        let stay = |capture: &Capture| self.render.resume || !self.others(capture.clone(), &own).is_empty();
+        let earlier = self.earlier().filter(stay);
+        let settled = match &earlier {
+            // Nothing is left to be settled.
+            Some(_) if self.pictures.planning.max_omitted == 0.0 => Settled::default(),
+            _ => {
+                let _stage = context.stage("settling");
+                self.pictures.settle(self.pattern.as_ref(), &numbers, self.template.as_ref(), up)?
+            }
+        };
+        let settled = match earlier {
+            Some(earlier) => settled.after(&earlier),
+            None => settled,
+        };
+        if let Some(camera) = settled.camera.filter(|_| placed) {
+            self.cameras = vec![[camera; 3]; numbers.len()];
+        }
+        if self.pictures.density_scale == Some(DensityScale::Auto) {
+            self.pictures.density_scale =
+                settled.density_scale.map(DensityScale::Given).or(self.pictures.density_scale);
+        }
+        self.pictures.planning.force.extend(settled.kept);
+        if !settled.frames.is_empty() {
+            let list = settled.frames.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+            context.detail(format!("camera, scale and effects of all frames are settled by frames {list}"));
+        }
+        Ok(())
+    }
+
+    /// Returns the up axis about which the camera of a frame is to be placed; none where cameras are given, or the
+    /// frame's file cannot be read.
+    fn up_of(&self, number: u32) -> Option<ChosenUp> {
+        let mut pictures = self.pictures.clone();
+        if let Some(pattern) = &self.pattern {
+            pictures.input = pattern.path(number);
+        }
+        pictures.chosen_up(self.template.as_ref()).ok().flatten()
+    }
+
+    /// Says why nothing is to be seen, if that is so.
+    fn note_nothing(&self, context: &Context) {
+        let function = self.shot.as_ref().is_some_and(|shot| shot.capture.transfer.is_some());
+        let plan = self.shot.as_ref().and_then(|shot| shot.plan.as_ref());
+        for remark in self.visibility.remarks(function, plan) {
+            context.note(format!("remark: {remark}"));
+        }
+    }
+
+    /// Reads and plans a frame. What the first one settles, camera and density scale, holds for all.
+    pub(super) fn shot(&mut self, place: usize, number: u32, context: &Context) -> Result<Shot> {
+        let mut pictures = self.pictures.clone();
+        pictures.frame = Some(number);
+        if let Some(pattern) = &self.pattern {
+            pictures.input = pattern.path(number);
+        }
+        let limits = pictures.limits;
+        let mut provenance = self.provenance.clone();
+        let (subject, transfer) = pictures.subject(self.template.as_ref(), limits, &mut provenance)?;
+        for remark in remarks(&pictures, &subject, self.template.as_ref()) {
+            if self.remarks.insert(remark.clone()) {
+                context.note(format!("remark: {remark}"));
+            }
+        }
+        let moving = self.pattern.is_some() || matches!(subject, Subject::Scene { moving: true, .. });
+        if self.render.velocity.is_some() && subject.is_scene() {
+            return Err(Error::invalid("⟨velocity⟩: the scene file states the velocities of its volumes")
+                .at(&pictures.input)
+                .hint("add \"velocity\": {\"grid\": \"vel\"} to a volume of it"));
+        }
+        let paths = pictures.scattering.on() || subject.is_scene();
+        let to = |name: &str| self.target.picture(name);
+        let cameras = match self.cameras.first() {
+            Some([_, camera, _]) => Cameras::Settled(camera),
+            None => Cameras::around(self.up.as_ref()),
+        };
+        let mut capture = pictures.capture(to, &subject, transfer, self.template.as_ref(), cameras)?;
+        self.pictures.density_scale = Some(DensityScale::Given(capture.density_scale)).filter(|_| !subject.is_scene());
+        if self.cameras.is_empty() {
+            self.cameras = capture.frames.iter().map(|frame| [frame.camera; 3]).collect();
+        }
+        let picture = self.target.picture(&format!("frame.{number:04}.exr"));
+        capture.frames = vec![Frame { camera: self.camera(place), picture }];
+        fits(&capture, self.render.plane_bytes(paths), limits.max_memory)?;
+        self.render.check_aovs(paths)?;
+        pictures.scattering.check(paths)?;
+        let scales = DensityScales::of(&subject, capture.density_scale);
+        let mut scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
+        if let Some(name) = &self.render.velocity {
+            let (file, fps) = (File::open(&pictures.input, limits)?, self.render.fps);
+            scene.velocities = vec![(0, velocity::read(&file, name, fps, limits.max_memory)?)];
+        }
+        let (scene, plan) = self.render.planned(&pictures, scene, paths)?;
+        plan.iter().for_each(|plan| context.detail(Chosen(plan)));
+        Ok(Shot { capture, scales, scene, plan, provenance, paths, moving })
+    }
+
+    pub(super) fn camera(&self, place: usize) -> Camera {
+        self.cameras[place.min(self.cameras.len() - 1)][1]
+    }
+
+    /// Renders and writes a frame.
+    fn frame(
+        &mut self,
+        (place, number): (usize, u32),
+        path: &Path,
+        progress: &Picture<'_>,
+        context: &Context,
+    ) -> Result<Counts> {
+        let shot = match self.shot.take() {
+            Some(shot) if !shot.moving => shot,
+            _ => self.shot(place, number, context)?,
+        };
+        let shot = self.shot.insert(shot);
+        let renderer = self.pictures.renderer(shot.plan.as_ref(), &shot.scene, shot.paths)?;
+        let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
+        let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
+        let rendered = self.render.film(&renderer, number as usize, view, self.cancel, progress);
+        let (film, counts) = rendered.ok_or_else(Error::cancelled)?;
+        self.visibility.add(&film);
+        self.inputs.extend(shot.provenance.inputs.clone());
+        let mut attributes = shot.provenance.attributes();
+        attributes.insert("cumulo:frame".into(), number.to_string());
+        let whole = self.pictures.whole(self.target, self.template.as_ref().and_then(|c| c.frames.first()));
+        for file in self.render.files_of(path) {
+            self.render.write_picture(&file, &film, &attributes, whole)?;
+        }
+        Ok(counts)
+    }
+}

@@ -1,0 +1,498 @@
+//! Pictures of a volume from many sides as a capture, one picture, or the frames of a sequence.
+
+mod folder;
+mod frames;
+mod sequence;
+mod target;
+mod visibility;
+
+pub use frames::{FramesReport, between};
+
+use crate::app::Context;
+use crate::app::context::Picture;
+use crate::app::outputs;
+use crate::app::pictures::renderer::{Chosen, LeftOut, Renderer};
+use crate::app::pictures::scales::DensityScales;
+use crate::app::pictures::scattering::{Paths, ScatteringSettings};
+use crate::app::pictures::subject::Subject;
+use crate::app::pictures::{Cameras, PictureSettings};
+use crate::app::provenance::{self, Provenance};
+use crate::app::up::ChosenUp;
+use crate::cancel::Cancel;
+use crate::error::{Error, Result};
+use crate::formats::atomic::{self, Batch};
+use crate::formats::png::ToneMapping;
+use crate::formats::protected;
+use crate::formats::sequence::Frames;
+use crate::formats::transforms::{self, FILE_NAME};
+use crate::ordered;
+use crate::plan::Plan;
+use crate::render::aov::{self, Aov};
+use crate::render::path::{self, Counts, Sampling, View};
+use crate::render::tiles::Watch;
+use crate::scene::camera::Camera;
+use crate::scene::capture::{Capture, Frame, Model};
+use crate::scene::film::Film;
+use crate::scene::scene::Scene;
+use crate::wording::all_worded;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use target::Target;
+use visibility::Visibility;
+
+/// Settings of pictures that are rendered: 32-bit float, scene-linear, alpha = 1 - transmittance.
+///
+/// Absorption shows the background through the volume; emission-absorption adds the light of a source that is part of
+/// it; with an albedo light is scattered, and pictures are made by path tracing.
+///
+/// ```
+/// use cumulo::app::{Context, pictures::PictureSettings, render::RenderSettings};
+/// # let folder = tempfile::tempdir()?;
+/// # let shots = folder.path().join("shots");
+/// let pictures = PictureSettings {
+///     input: "fixtures/plume.vdb".into(),
+///     views: Some(2),
+///     size: Some([32, 32]),
+///     ..PictureSettings::default()
+/// };
+/// let settings = RenderSettings { output: shots.clone(), pictures, ..RenderSettings::default() };
+/// let report = settings.run(&Context::default())?;
+/// println!("{report}");
+/// assert!(shots.join("transforms.json").exists() && shots.join("view_001.exr").exists());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct RenderSettings {
+    /// Folder for transforms.json and the pictures; or, for one view or frame, the file of the picture: name.exr,
+    /// name.png.
+    #[serde(with = "crate::app::paths")]
+    pub output: PathBuf,
+    /// True to replace a capture in the folder, whoever made it; one of the same settings is replaced anyway.
+    pub overwrite: bool,
+    /// True to write a PNG beside each EXR: radiance times 2^exposure, clipped to 0..1, sRGB.
+    pub png: bool,
+    /// Exposure of PNGs in stops, from -60 to 60; none for 0.
+    pub exposure: Option<f64>,
+    /// Frames to render, frame.####.exr for each number; none for all files of an input that is a sequence, else for
+    /// views.
+    pub frames: Option<Frames>,
+    /// True to skip frames that are there, made by the same settings, unless an input has changed since.
+    pub resume: bool,
+    /// Planes to write beside RGBA.
+    pub aov: Vec<Aov>,
+    /// Name of the grid of the volume's velocities in world units per second, for [`Aov::Motion`].
+    pub velocity: Option<String>,
+    /// Frames per second; 1 for velocities in world units per frame.
+    pub fps: f64,
+    /// Subject, cameras, media and light of the pictures.
+    #[serde(flatten)]
+    pub pictures: PictureSettings,
+}
+
+impl Default for RenderSettings {
+    fn default() -> Self {
+        Self {
+            output: PathBuf::new(),
+            overwrite: false,
+            png: false,
+            exposure: None,
+            frames: None,
+            resume: false,
+            aov: Vec::new(),
+            velocity: None,
+            fps: 24.0,
+            pictures: PictureSettings::default(),
+        }
+    }
+}
+
+/// Settings on which pictures do not depend, or which choose some of them.
+const MANNER: [&str; 4] = ["overwrite", "frames", "resume", "max_memory"];
+
+/// Report of views, or of the frames of a sequence.
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+#[serde(untagged)]
+pub enum RenderReport {
+    /// Report of views.
+    Views(ViewsReport),
+    /// Report of the frames of a sequence.
+    Frames(FramesReport),
+}
+
+impl fmt::Display for RenderReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Views(views) => views.fmt(f),
+            Self::Frames(frames) => frames.fmt(f),
+        }
+    }
+}
+
+/// Report of views.
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub struct ViewsReport {
+    #[serde(serialize_with = "crate::app::paths::text")]
+    output: PathBuf,
+    views: usize,
+    model: Model,
+    #[serde(flatten)]
+    scales: DensityScales,
+    #[serde(flatten)]
+    way: Way,
+    /// Plan of a scene that may scatter, or out of which something may be left.
+    plan: Option<Plan>,
+    /// Up axis about which cameras were placed; none where they were given.
+    up: Option<ChosenUp>,
+    /// How radiance became the samples of PNGs; none if none were written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tone_mapping: Option<ToneMapping>,
+    /// Remarks on statements of a USD stage that have no effect, and on what is assumed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    remarks: Vec<String>,
+    seconds: f64,
+}
+
+/// How light was integrated.
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+#[serde(untagged)]
+enum Way {
+    /// Along straight rays.
+    Dvr {
+        quadrature: String,
+        /// Bound of the error that the quadrature makes in any channel of a pixel, in the channel's units; null where
+        /// no bound is known.
+        quadrature_error_bound: Option<f64>,
+        early_stop: EarlyStop,
+    },
+    /// Along paths.
+    Paths { paths: Paths },
+}
+
+/// Transmittance at which rays end, and the error that this makes.
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
+struct EarlyStop {
+    /// Transmittance below which rays end; 0 for never.
+    transmittance: f64,
+    /// Bound of the error in any channel of a pixel, in the channel's units.
+    error_bound: f64,
+}
+
+impl Way {
+    /// Adds what a capture records of how its pictures were made.
+    fn record(&self, scattering: Option<&ScatteringSettings>, extra: &mut Map<String, Value>) {
+        if let Self::Dvr { quadrature, early_stop, .. } = self {
+            extra.insert("quadrature".into(), json!(quadrature));
+            extra.insert("early_stop".into(), json!(early_stop));
+        }
+        extra.extend(scattering.map(|scattering| ("scattering".to_owned(), scattering.record())));
+    }
+}
+
+impl fmt::Display for ViewsReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { output, views, seconds, scales, way, plan, tone_mapping, .. } = self;
+        let json = output.join(FILE_NAME);
+        let file = if json.exists() { &json } else { output };
+        let s = if *views == 1 { "" } else { "s" };
+        writeln!(f, "{}: {views} view{s} in {seconds:.2} s, {scales}", file.display())?;
+        tone_mapping.iter().try_for_each(|tone| writeln!(f, "  PNG: {tone}"))?;
+        match way {
+            Way::Dvr { quadrature, quadrature_error_bound, early_stop: EarlyStop { transmittance, error_bound } } => {
+                let quadrature_error = match quadrature_error_bound {
+                    Some(bound) => format!("integrates within {bound:.1e}"),
+                    None if quadrature == "exact" => "integrates each piece of a cell within 4e-7".to_owned(),
+                    None => "states no error".to_owned(),
+                };
+                write!(
+                    f,
+                    "  quadrature {quadrature} {quadrature_error}; the early stop at transmittance {transmittance:e} \
+                     leaves out at most {error_bound:.1e}"
+                )?;
+            }
+            Way::Paths { paths } => write!(f, "{paths}")?,
+        }
+        match plan {
+            Some(plan) if plan.omitted != Some(0.0) => write!(f, "\n  {}", LeftOut(plan)),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl RenderSettings {
+    /// Reads, renders, writes and reports.
+    ///
+    /// # Errors
+    /// If the volume or the cameras cannot be used, or the folder cannot be written to; an earlier
+    /// capture in the folder is untouched then.
+    pub fn run(&self, context: &Context) -> Result<RenderReport> {
+        if let Some(input) = self.pictures.sequence_of_folder()? {
+            let pictures = PictureSettings { input, ..self.pictures.clone() };
+            return Self { pictures, ..self.clone() }.run(context);
+        }
+        let target = Target::of(&self.output)?;
+        self.check_exposure()?;
+        if self.is_sequence() {
+            return self.run_frames(target, context).map(RenderReport::Frames);
+        }
+        self.run_views(target, context).map(RenderReport::Views)
+    }
+
+    /// Renders views, writes and reports.
+    fn run_views(&self, target: Target<'_>, context: &Context) -> Result<ViewsReport> {
+        if self.resume {
+            return Err(Error::invalid("⟨resume⟩: views appear together, when all are there")
+                .hint("give ⟨frames⟩ to render a sequence, picture by picture"));
+        }
+        // From here on the work ends in order if it is stopped.
+        let cancel = context.cancel();
+        let mut provenance = self.provenance(context);
+        let pictures = &self.pictures;
+        let limits = pictures.limits;
+        let template = pictures.template(None, &mut provenance)?;
+        pictures.check_cameras(template.as_ref())?;
+        let stated = template.as_ref().map_or(pictures.views.unwrap_or(1) as usize, |capture| capture.frames.len());
+        let numbers = pictures.chosen(stated)?;
+        target.holds(numbers.len(), "views", "⟨view=N⟩")?;
+        let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
+        let mut remarks = remarks(pictures, &subject, template.as_ref());
+        remarks.iter().for_each(|remark| context.note(format!("remark: {remark}")));
+        let paths = pictures.scattering.on() || subject.is_scene();
+        let up = pictures.chosen_up(template.as_ref())?;
+        up.iter().for_each(|up| context.note(up));
+        let place = |name: &str| target.picture(name);
+        let capture = pictures.capture(place, &subject, transfer, template.as_ref(), Cameras::around(up.as_ref()))?;
+        fits(&capture, self.plane_bytes(paths), limits.max_memory)?;
+        self.check_aovs(paths)?;
+        pictures.scattering.check(paths)?;
+        self.spare(target, &capture, &provenance)?;
+        // Pictures wait until all are there: an interrupted run must not mix its pictures with those of an earlier one.
+        let mut batch = Batch::new();
+        if let Target::Folder(folder) = target {
+            batch.make_folder(folder)?;
+        }
+        let waiting = capture.frames.iter().map(|f| self.files_of(&f.picture).iter().map(|p| batch.add(p)).collect());
+        let waiting = waiting.collect::<Result<Vec<Vec<PathBuf>>>>()?;
+        let waiting_json = target.json().map(|json| Ok((batch.add(&json)?, json))).transpose()?;
+        let scales = DensityScales::of(&subject, capture.density_scale);
+        let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
+        let (scene, plan) = self.planned(pictures, scene, paths)?;
+        plan.iter().for_each(|plan| context.detail(Chosen(plan)));
+        let renderer = pictures.renderer(plan.as_ref(), &scene, paths).map_err(|e| e.at(&pictures.input))?;
+        let whole = pictures.whole(target, template.as_ref().and_then(|c| c.frames.get(numbers[0])));
+        let views: Vec<_> = numbers.iter().zip(&scene.cameras).zip(&waiting).collect();
+        let visibility = Visibility::default();
+        let counts = self.views(&renderer, &views, (whole, cancel), &provenance, &visibility, context)?;
+        for remark in visibility.remarks(capture.transfer.is_some(), plan.as_ref()) {
+            context.note(format!("remark: {remark}"));
+            remarks.push(remark);
+        }
+        let seconds = provenance.lap();
+        let way = self.way(&renderer, &scene, counts);
+        if let Some((waiting, json)) = &waiting_json {
+            let mut extra = record(&provenance, plan.as_ref());
+            way.record(paths.then_some(&pictures.scattering), &mut extra);
+            transforms::save_for(json, waiting, &capture, &extra)?;
+        }
+        // Another run may have ended in the folder meanwhile.
+        let _lock = target.json().as_deref().and_then(Path::parent).map(atomic::lock_folder);
+        self.spare(target, &capture, &provenance)?;
+        batch.commit()?;
+        Ok(ViewsReport {
+            output: self.output.clone(),
+            views: capture.frames.len(),
+            model: capture.model,
+            scales,
+            way,
+            plan,
+            up,
+            tone_mapping: self.tone_mapping_used(),
+            remarks: all_worded(remarks),
+            seconds,
+        })
+    }
+
+    /// Begins the record of where the pictures come from.
+    fn provenance(&self, context: &Context) -> Provenance {
+        // Defaults that depend on no input are as good as stated.
+        let mut settings = self.clone();
+        settings.exposure.get_or_insert(0.0);
+        let ScatteringSettings { samples, seed, .. } = &mut settings.pictures.scattering;
+        samples.get_or_insert(self.pictures.scattering.samples());
+        seed.get_or_insert(0);
+        Provenance::begin(context).of("render", &settings, &MANNER)
+    }
+
+    /// Refuses an exposure that no picture would have.
+    fn check_exposure(&self) -> Result<()> {
+        if self.exposure.is_some() && self.tone_mapping_used().is_none() {
+            return Err(Error::invalid("⟨exposure⟩: no PNG is written, and EXRs are scene-linear")
+                .hint("add ⟨png⟩, or let the name of the output end in .png"));
+        }
+        Ok(())
+    }
+
+    /// Renders views, given with their numbers and the files that each is written to.
+    fn views(
+        &self,
+        renderer: &Renderer<'_>,
+        views: &[((&usize, &Camera), &Vec<PathBuf>)],
+        (whole, cancel): (Option<[usize; 2]>, Cancel),
+        provenance: &Provenance,
+        visibility: &Visibility,
+        context: &Context,
+    ) -> Result<Counts> {
+        let bar = context.pictures(views.len() as u64, "render");
+        let attributes = provenance.attributes();
+        let view = |((number, camera), files): &((&usize, &Camera), &Vec<PathBuf>)| {
+            let picture = bar.picture();
+            let (film, counts) =
+                self.film(renderer, **number, (*camera).into(), cancel, &picture).ok_or_else(Error::cancelled)?;
+            visibility.add(&film);
+            files.iter().try_for_each(|file| self.write_picture(file, &film, &attributes, whole))?;
+            Ok(counts)
+        };
+        let counts = ordered::try_map(views.par_iter(), view)?.into_iter().fold(Counts::default(), Counts::plus);
+        drop(bar);
+        Ok(counts)
+    }
+
+    /// Plans a scene and takes out of it what the plan leaves out. Rays without paths are not planned unless something
+    /// may be left out: their model says what is on.
+    fn planned(&self, pictures: &PictureSettings, scene: Scene, paths: bool) -> Result<(Scene, Option<Plan>)> {
+        if !(paths || pictures.leaves_out()) {
+            return Ok((scene, None));
+        }
+        let plan = pictures.plan(&scene, self.aov.iter().any(|aov| aov.of_paths()))?;
+        Ok((plan.simplify(scene)?, Some(plan)))
+    }
+
+    /// Returns the bytes a pixel of further planes as they are rendered, as they are kept and as they are written.
+    fn plane_bytes(&self, paths: bool) -> u64 {
+        match paths {
+            true if self.aov.contains(&Aov::Variance) => path::PIXEL_BYTES + path::VARIANCE_BYTES + 2 * 4 * 30,
+            true => path::PIXEL_BYTES + 2 * 4 * 30,
+            false if self.aov.is_empty() => 0,
+            false => aov::PIXEL_BYTES + 2 * 4 * 5,
+        }
+    }
+
+    /// Returns how light was integrated, with the events that were counted.
+    fn way(&self, renderer: &Renderer<'_>, scene: &Scene, counts: Counts) -> Way {
+        match renderer {
+            Renderer::Dvr { dvr, .. } => Way::Dvr {
+                quadrature: self.pictures.quadrature(scene).to_string(),
+                quadrature_error_bound: dvr.quadrature_error(),
+                early_stop: EarlyStop { transmittance: self.pictures.early_stop, error_bound: dvr.left_out() },
+            },
+            Renderer::Paths(_) => Way::Paths { paths: self.pictures.scattering.paths(counts) },
+        }
+    }
+
+    /// Refuses planes that the renderer does not have.
+    fn check_aovs(&self, paths: bool) -> Result<()> {
+        if let Some(aov) = self.aov.iter().find(|aov| aov.of_paths() && !paths) {
+            return Err(Error::invalid(format!("⟨aov={}⟩: nothing is scattered", aov.name()))
+                .hint("planes of scattered light need path tracing: give ⟨albedo⟩"));
+        }
+        if self.aov.contains(&Aov::Motion) && !self.is_sequence() {
+            return Err(Error::invalid("⟨aov=motion⟩: views are no frames")
+                .hint("give ⟨frames⟩ to render a sequence, by the cameras of ⟨cameras⟩"));
+        }
+        if self.velocity.is_some() && !self.aov.contains(&Aov::Motion) {
+            return Err(Error::invalid("⟨velocity⟩: no plane shows it").hint("add ⟨aov=motion⟩"));
+        }
+        let (rays, option) = match paths {
+            true => (self.pictures.scattering.samples(), "⟨samples=16⟩"),
+            false => (self.pictures.supersample, "⟨supersample=4⟩"),
+        };
+        if rays < 2
+            && let Some(aov) = self.aov.iter().find(|aov| matches!(aov, Aov::Variance | Aov::Halves))
+        {
+            return Err(Error::invalid(format!("⟨aov={}⟩: one ray a pixel has no variance", aov.name()))
+                .hint(format!("give each pixel more of them: {option}")));
+        }
+        Ok(())
+    }
+
+    /// Renders a view, or a frame, of that number, and counts its pixels. Returns `None` if `cancel` was set.
+    fn film(
+        &self,
+        renderer: &Renderer<'_>,
+        number: usize,
+        view: View<'_>,
+        cancel: Cancel,
+        progress: &Picture<'_>,
+    ) -> Option<(Film, Counts)> {
+        let all = u64::from(view.camera.width) * u64::from(view.camera.height);
+        let done = |pixels| progress.add(pixels, all);
+        let watch = Watch { cancel: cancel.polled(), done: Some(&done) };
+        match (renderer, &self.aov[..]) {
+            (Renderer::Paths(paths), aovs) => {
+                let origin = self.pictures.crop.map_or([0; 2], |window| window.origin);
+                let sampling = Sampling { origin, ..self.pictures.scattering.sampling(number) };
+                let picture = paths.picture(view, sampling, aovs, watch)?;
+                Some((picture.film, picture.counts))
+            }
+            (Renderer::Dvr { dvr, rays_per_edge }, aovs) => {
+                let film = match aovs {
+                    [] => dvr.picture(view.camera, *rays_per_edge, watch),
+                    aovs => dvr.picture_with(view.camera, *rays_per_edge, aovs, watch),
+                };
+                Some((film?, Counts::default()))
+            }
+        }
+    }
+
+    /// Makes sure that the outputs replace neither inputs nor files that another command wrote.
+    fn spare(&self, target: Target<'_>, capture: &Capture, provenance: &Provenance) -> Result<()> {
+        let json = target.json();
+        let pictures: Vec<PathBuf> = capture.frames.iter().flat_map(|f| self.files_of(&f.picture)).collect();
+        pictures.iter().chain(&json).try_for_each(|path| protected::check(path))?;
+        match json {
+            _ if self.overwrite => Ok(()),
+            Some(json) => outputs::spare_captures(&json, &pictures, provenance),
+            None => pictures.iter().try_for_each(|picture| {
+                outputs::is_own_picture(picture, provenance::SETTINGS, provenance, false).map(drop)
+            }),
+        }
+    }
+}
+
+/// Begins the keys that a capture has beside those of cameras and medium: where it comes from, and how it was planned.
+fn record(provenance: &Provenance, plan: Option<&Plan>) -> Map<String, Value> {
+    let mut extra = Map::new();
+    extra.insert("provenance".into(), json!(provenance));
+    extra.extend(plan.map(|plan| ("plan".to_owned(), json!(plan))));
+    extra
+}
+
+/// Returns the remarks on a subject, its cameras and its lights.
+pub(in crate::app) fn remarks(
+    pictures: &PictureSettings,
+    subject: &Subject,
+    template: Option<&Capture>,
+) -> Vec<String> {
+    let cameras = template.filter(|_| subject.is_scene()).map_or(&[][..], |capture| &capture.remarks);
+    let lights = if subject.is_scene() { None } else { pictures.other_light() };
+    subject.remarks().iter().chain(cameras).cloned().chain(lights).collect()
+}
+
+/// Refuses pictures that do not fit in memory, one for each thread: pixels, samples and bytes of the file, and
+/// `plane_bytes` a pixel for further planes.
+pub fn fits(capture: &Capture, plane_bytes: u64, max_memory: u64) -> Result<()> {
+    let at_once = rayon::current_num_threads().min(capture.frames.len()) as u64;
+    let pixels = |f: &Frame| u64::from(f.camera.width) * u64::from(f.camera.height);
+    match capture.frames.iter().max_by_key(|f| pixels(f)) {
+        Some(f) if pixels(f) * (48 + plane_bytes) * at_once > max_memory => {
+            let Camera { width, height, .. } = f.camera;
+            Err(Error::unsupported(format!("{at_once} pictures of {width}x{height} pixels do not fit in memory"))
+                .at(&f.picture)
+                .hint("choose a smaller ⟨size⟩, fewer ⟨threads⟩, or raise ⟨max_memory⟩"))
+        }
+        _ => Ok(()),
+    }
+}

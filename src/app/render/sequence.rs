@@ -1,0 +1,57 @@
+//! A sequence at work, and the frame of it that is rendered.
+
+use super::RenderSettings;
+use super::target::Target;
+use super::visibility::Visibility;
+use crate::app::pictures::PictureSettings;
+use crate::app::pictures::scales::DensityScales;
+use crate::app::provenance::Provenance;
+use crate::app::up::ChosenUp;
+use crate::cancel::Cancel;
+use crate::formats::sequence::Pattern;
+use crate::plan::Plan;
+use crate::scene::camera::Camera;
+use crate::scene::capture::Capture;
+use crate::scene::scene::Scene;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+/// Frame that is there: its place in the sequence, its number and its picture.
+pub(super) type Done = (usize, u32, PathBuf);
+
+/// Scene of a frame, planned.
+pub(super) struct Shot {
+    pub capture: Capture,
+    pub scales: DensityScales,
+    pub scene: Scene,
+    pub plan: Option<Plan>,
+    pub provenance: Provenance,
+    /// True if paths were asked for.
+    pub paths: bool,
+    /// True if another frame shows other volumes.
+    pub moving: bool,
+}
+
+/// Sequence at work.
+pub(super) struct Sequence<'s> {
+    pub render: &'s RenderSettings,
+    pub target: Target<'s>,
+    /// Options, with what the first frame has settled.
+    pub pictures: PictureSettings,
+    pub pattern: Option<Pattern>,
+    pub template: Option<Capture>,
+    /// Cameras of the frames, or of all, each between those of the frames before and after.
+    pub cameras: Vec<[Camera; 3]>,
+    /// Up axis about which the camera was placed.
+    pub up: Option<ChosenUp>,
+    /// Provenance with the inputs of the cameras alone: the others differ from frame to frame.
+    pub provenance: Provenance,
+    /// Hashes of the inputs of the frames so far, by path.
+    pub inputs: BTreeMap<String, String>,
+    pub shot: Option<Shot>,
+    /// Whether anything is to be seen in the pictures so far.
+    pub visibility: Visibility,
+    /// Remarks that were made.
+    pub remarks: BTreeSet<String>,
+    pub cancel: Cancel,
+}

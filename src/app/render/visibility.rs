@@ -1,0 +1,92 @@
+//! Whether pictures show the volume at all: one that does not says why.
+
+use crate::plan::Plan;
+use crate::scene::film::Film;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+/// Share of the brightest pixel's radiance that may be left out of pictures without a remark.
+const UNREMARKED: f64 = 0.1;
+
+/// Whether some pixel of the pictures so far shows the volume, by its alpha or by a color that others do not have, and
+/// the radiance of the brightest.
+#[derive(Debug, Default)]
+pub(super) struct Visibility {
+    covered: AtomicBool,
+    /// Bits of the radiance, which for numbers from 0 on are in the order of these.
+    brightest: AtomicU32,
+}
+
+impl Visibility {
+    /// Looks at a picture.
+    pub(super) fn add(&self, film: &Film) {
+        if !self.covered.load(Ordering::Relaxed) && film.rgba.iter().any(|p| p[3] > 0.0 || *p != film.rgba[0]) {
+            self.covered.store(true, Ordering::Relaxed);
+        }
+        let brightest = film.rgba.iter().flat_map(|p| &p[..3]).fold(0.0_f32, |most, c| most.max(*c));
+        self.brightest.fetch_max(brightest.to_bits(), Ordering::Relaxed);
+    }
+
+    fn brightest(&self) -> f64 {
+        f32::from_bits(self.brightest.load(Ordering::Relaxed)).into()
+    }
+
+    /// Says why nothing is to be seen, and whether the plan leaves out much of what would be; `transfer` is true if a
+    /// transfer function makes extinctions of densities.
+    pub(super) fn remarks(&self, transfer: bool, plan: Option<&Plan>) -> Vec<String> {
+        let omitted = plan.and_then(|plan| plan.omitted).filter(|omitted| *omitted > UNREMARKED * self.brightest());
+        let omitted = omitted.filter(|omitted| *omitted > 0.0).map(|omitted| {
+            format!(
+                "up to {omitted:.2e} of radiance may be missing in a channel of a pixel, and the brightest one has \
+                 {:.2e}: ⟨max_omitted⟩ is a radiance, not a share of the picture's; a smaller one keeps more",
+                self.brightest()
+            )
+        });
+        self.nothing(transfer).into_iter().chain(omitted).collect()
+    }
+
+    fn nothing(&self, transfer: bool) -> Option<String> {
+        let (covered, lit) = (self.covered.load(Ordering::Relaxed), self.brightest() > 0.0);
+        match (covered, lit, transfer) {
+            (false, _, true) => Some(
+                "the pictures do not show the volume: the transfer function absorbs nothing at its densities, or no \
+                 camera looks at it; ⟨tf_range=LOW,HIGH⟩ moves the function to the densities that `cumulo info` lists"
+                    .into(),
+            ),
+            (false, _, false) => Some(
+                "the pictures do not show the volume: it absorbs next to nothing, or no camera looks at it; \
+                 ⟨density_scale=auto⟩ makes it visible"
+                    .into(),
+            ),
+            (true, false, _) => Some(
+                "all pixels are black: nothing shines, neither the volume nor a light nor the background; \
+                 ⟨background=1,1,1⟩ shows what absorbs"
+                    .into(),
+            ),
+            (true, true, _) => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_without_light_or_volume_are_told() {
+        let of = |pixels: &[[f32; 4]]| {
+            let visibility = Visibility::default();
+            pixels.iter().for_each(|pixel| visibility.add(&Film::of(1, 1, vec![*pixel])));
+            (visibility.nothing(false), visibility.nothing(true))
+        };
+        let has = |text: &Option<String>, word: &str| text.as_ref().is_some_and(|text| text.contains(word));
+        assert_eq!(of(&[[0.0; 4], [0.0, 0.1, 0.0, 0.5]]), (None, None));
+        // A flame that absorbs nothing.
+        let flame = Visibility::default();
+        flame.add(&Film::of(2, 1, vec![[0.0; 4], [1.0, 0.5, 0.0, 0.0]]));
+        assert_eq!(flame.nothing(false), None);
+        let (plain, function) = of(&[[0.0, 0.0, 0.0, 1.0]]);
+        assert!(has(&plain, "black") && has(&function, "black"));
+        let (plain, function) = of(&[[1.0, 1.0, 1.0, 0.0]]);
+        assert!(has(&plain, "⟨density_scale=auto⟩") && has(&function, "⟨tf_range"));
+    }
+}

@@ -1,0 +1,282 @@
+//! Sequences of files: their frames, and a piece of work done for each of them on all threads.
+
+use super::context::Context;
+use super::failed::Failed;
+use crate::error::{Error, Kind, Result};
+use crate::formats::captures;
+use crate::formats::limits::Limits;
+use crate::formats::sequence::{Frames, Pattern};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Frames of sequences to work on; by default those that a name tells, else all that are there.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct FrameSelection(pub Option<Frames>);
+
+/// Files of a sequence.
+#[derive(Debug, Clone)]
+pub struct Sequence {
+    /// Names of the files.
+    pub pattern: Pattern,
+    /// Numbers of the frames to work on, in ascending order. Those that are missing between the first and the last are
+    /// among them, and fail by name as those do that cannot be read.
+    pub numbers: Vec<u32>,
+}
+
+impl Sequence {
+    /// Returns the path of a frame's file.
+    pub fn path(&self, number: u32) -> PathBuf {
+        self.pattern.path(number)
+    }
+
+    /// Returns the numbers of the frames whose files are there, and those that are missing.
+    ///
+    /// # Errors
+    /// If no frame is there; `work`, such as "read", says what all frames would be used for.
+    pub fn present(&self, work: &str) -> Result<Present> {
+        let is_there = |number: &u32| self.path(*number).exists();
+        let (numbers, missing): (Vec<u32>, Vec<u32>) = self.numbers.iter().partition(|number| is_there(number));
+        match numbers[..] {
+            [first, ..] => Ok(Present { first, last: numbers[numbers.len() - 1], numbers, missing }),
+            [] => Err(Error::invalid("none of the frames is there")
+                .at(self.pattern.name())
+                .hint(format!("check the numbers, or leave ⟨frames⟩ out to {work} all that are there"))),
+        }
+    }
+}
+
+/// Frames of a sequence that are there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Present {
+    /// Numbers of the frames, in ascending order.
+    pub numbers: Vec<u32>,
+    /// Number of the first frame.
+    pub first: u32,
+    /// Number of the last frame.
+    pub last: u32,
+    /// Numbers of the frames whose files are not there.
+    pub missing: Vec<u32>,
+}
+
+/// Extensions of the files that sequences consist of where any kind of file may be looked at.
+pub const ENDINGS: [&str; 6] = ["vdb", "nvdb", "exr", "usd", "usda", "usdc"];
+
+impl FrameSelection {
+    /// Returns the sequences that a path names where captures are meant, too: the one of a pattern, or those of a
+    /// folder that is no capture, of files with one of [`ENDINGS`]. None for the path of a file or a capture.
+    ///
+    /// # Errors
+    /// If a pattern matches no file, or a folder holds neither a capture nor a sequence.
+    pub fn sequences(self, path: &Path) -> Result<Vec<Sequence>> {
+        if path.is_dir() && captures::file(path).exists() {
+            return Ok(Vec::new());
+        }
+        let all = self.all(path, &ENDINGS)?;
+        if all.is_empty() && path.is_dir() {
+            let endings = ENDINGS.map(|ending| format!(".{ending}")).join(", ");
+            return Err(Error::invalid("the folder holds neither a capture nor a sequence").at(path).hint(format!(
+                "a capture is a transforms.json, a model of COLMAP (cameras and images, .txt or .bin) or the folder \
+                 that holds one, a sequence two numbered files or more ({endings}); of other files give the names"
+            )));
+        }
+        Ok(all)
+    }
+
+    fn all(self, path: &Path, endings: &[&str]) -> Result<Vec<Sequence>> {
+        let patterns = match Pattern::parse(path) {
+            Some(pattern) => vec![pattern],
+            None if path.is_dir() => Pattern::in_folder(path, endings)?,
+            None => Vec::new(),
+        };
+        let sequence = |pattern: Pattern| {
+            let numbers = match self.0 {
+                Some(frames) => frames.numbers().collect(),
+                None => pattern.all_numbers()?,
+            };
+            Ok(Sequence { pattern, numbers })
+        };
+        patterns.into_iter().map(sequence).collect()
+    }
+
+    /// Returns the sequence that a path names; none for the path of a file.
+    ///
+    /// # Errors
+    /// If a pattern or a folder matches no file, or a folder holds several sequences.
+    pub fn sequence(self, path: &Path, endings: &[&str]) -> Result<Option<Sequence>> {
+        let mut all = self.all(path, endings)?;
+        if all.len() > 1 {
+            let names: Vec<String> = all.iter().map(|s| s.pattern.name().display().to_string()).collect();
+            return Err(Error::invalid(format!("the folder holds several sequences: {}", names.join(", ")))
+                .at(path)
+                .hint("name one of them, in quotes"));
+        }
+        Ok(all.pop())
+    }
+
+    /// Returns the sequences that two paths name; none for the paths of two files.
+    ///
+    /// # Errors
+    /// If only one of them is a sequence, or frames are selected of files.
+    pub fn pair(self, [a, b]: [&Path; 2], endings: &[&str]) -> Result<Option<[Sequence; 2]>> {
+        match (self.sequence(a, endings)?, self.sequence(b, endings)?) {
+            (Some(first), Some(second)) => Ok(Some([first, second])),
+            (None, None) => self.refuse(a).map(|()| None),
+            (first, _) => Err(Error::invalid("this is a file, and the other one is a sequence")
+                .at(if first.is_some() { b } else { a })
+                .hint("give two files, or two sequences such as 'a.####.vdb' and 'b.####.vdb'")),
+        }
+    }
+
+    /// Refuses a selection of frames where no sequence is named.
+    ///
+    /// # Errors
+    /// If frames are selected.
+    pub fn refuse(self, path: &Path) -> Result<()> {
+        match self.0 {
+            Some(_) => Err(Error::invalid("⟨frames⟩: this names no sequence").at(path).hint(
+                "give a name with the number's place, in quotes, such as 'smoke.####.vdb', or leave ⟨frames⟩ out",
+            )),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Returns the numbers that all sequences have, and those that only some have. A frame that is missing in a sequence,
+/// between its first and its last or among those that were asked for, counts among its numbers: its work fails, and
+/// names it.
+pub fn common(sequences: &[&Sequence]) -> (Vec<u32>, Vec<u32>) {
+    let mut union: Vec<u32> = sequences.iter().flat_map(|s| s.numbers.iter().copied()).collect();
+    union.sort_unstable();
+    union.dedup();
+    union.into_iter().partition(|number| sequences.iter().all(|s| s.numbers.binary_search(number).is_ok()))
+}
+
+/// Result of each frame, in ascending order.
+pub type Results<T> = Vec<(u32, Result<T>)>;
+
+/// Does a piece of work for each frame, several at a time, and shows one bar for all. A frame that fails does not stop
+/// the others. Frames that are worked on at the same time share the memory; one for which its share is too small is
+/// done again alone.
+///
+/// # Errors
+/// If the work is stopped by the user.
+pub fn each<T: Send>(
+    numbers: &[u32],
+    what: &'static str,
+    limits: Limits,
+    context: &Context,
+    work: impl Fn(u32, Limits) -> Result<T> + Sync,
+) -> Result<Results<T>> {
+    let bar = context.steps(numbers.len() as u64, what);
+    let at_once = rayon::current_num_threads().min(numbers.len()).max(1) as u64;
+    let share = Limits { max_memory: limits.max_memory / at_once };
+    let first = |number: &u32| {
+        let result = work(*number, share);
+        if !too_large(&result, at_once) {
+            bar.inc(1);
+        }
+        (*number, result)
+    };
+    let mut results: Results<T> = numbers.par_iter().with_max_len(1).map(first).collect();
+    for (number, result) in &mut results {
+        if too_large(result, at_once) {
+            *result = work(*number, limits);
+            bar.inc(1);
+        }
+    }
+    let stopped = |(_, result): &(u32, Result<T>)| matches!(result, Err(e) if e.kind() == Kind::Cancelled);
+    if results.iter().any(stopped) { Err(Error::cancelled()) } else { Ok(results) }
+}
+
+/// Parts the results into those that are there and the frames that failed.
+pub fn parted<T>(results: Results<T>) -> (Vec<(u32, T)>, Vec<Failed>) {
+    let (mut done, mut failed) = (Vec::new(), Vec::new());
+    for (number, result) in results {
+        match result {
+            Ok(value) => done.push((number, value)),
+            Err(error) => failed.push(Failed::new(number, &error)),
+        }
+    }
+    (done, failed)
+}
+
+/// True if a frame may have failed for want of memory that others held: readers refuse what exceeds their limits as
+/// unsupported.
+fn too_large<T>(result: &Result<T>, at_once: u64) -> bool {
+    at_once > 1 && result.as_ref().is_err_and(|error| error.kind() == Kind::Unsupported)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+    use crate::formats::sequence::MOST_FRAMES;
+
+    fn files(names: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        names.iter().for_each(|name| std::fs::write(folder.path().join(name), "").unwrap());
+        folder
+    }
+
+    #[test]
+    fn a_folder_or_a_pattern_is_a_sequence_and_a_file_is_none() {
+        let folder = files(&["s.0001.vdb", "s.0002.vdb", "s.0004.vdb", "t.vdb"]);
+        let option = FrameSelection::default();
+        let of = |path: &Path| {
+            let sequence = option.sequence(path, &["vdb"]).unwrap()?;
+            let Present { numbers, missing, .. } = sequence.present("read").unwrap();
+            Some((numbers, missing))
+        };
+        assert!(option.sequences(&folder.path().join("t.vdb")).unwrap().is_empty());
+        assert_eq!(of(folder.path()), Some((vec![1, 2, 4], vec![3])));
+        assert_eq!(of(&folder.path().join("s.####.vdb")), Some((vec![1, 2, 4], vec![3])));
+        assert_eq!(of(&folder.path().join("s.0001-0005.vdb")), Some((vec![1, 2, 4], vec![3, 5])));
+        assert_eq!(of(&folder.path().join("t.vdb")), None);
+        let frames = FrameSelection(Some("2-6x2".parse().unwrap()));
+        let chosen = frames.sequence(folder.path(), &["vdb"]).unwrap().unwrap();
+        assert_eq!((chosen.numbers.clone(), chosen.present("read").unwrap().missing), (vec![2, 4, 6], vec![6]));
+        assert!(frames.refuse(folder.path()).is_err() && option.refuse(folder.path()).is_ok());
+        std::fs::write(folder.path().join("u.1.vdb"), "").unwrap();
+        std::fs::write(folder.path().join("u.2.vdb"), "").unwrap();
+        assert!(option.sequence(folder.path(), &["vdb"]).unwrap_err().to_string().contains("u.#.vdb"));
+    }
+
+    /// Names with dates are numbers far apart, which no loop may count through.
+    #[test]
+    fn numbers_far_apart_take_no_time() {
+        let folder = files(&["g.1.vdb", "g.3.vdb", "g.999999999.vdb"]);
+        let all = FrameSelection::default().sequences(folder.path()).unwrap();
+        let present = all[0].present("read").unwrap();
+        assert_eq!((present.first, present.last, &present.numbers[..]), (1, 999_999_999, &[1, 3, 999_999_999][..]));
+        assert_eq!((present.missing.len(), &present.missing[..2]), (MOST_FRAMES, &[5, 7][..]));
+    }
+
+    #[test]
+    fn a_folder_of_neither_kind_says_what_was_looked_for() {
+        let folder = files(&["one.0007.vdb", "note.txt"]);
+        let error = FrameSelection::default().sequences(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("neither a capture nor a sequence") && error.contains(".vdb"), "{error}");
+    }
+
+    #[test]
+    fn a_frame_that_fails_stops_no_other_and_one_that_is_too_large_is_done_alone() {
+        let context = Context::default();
+        let limits = Limits { max_memory: 1000 };
+        let numbers: Vec<u32> = (1..=20).collect();
+        let results = each(&numbers, "test", limits, &context, |number, limits| match number {
+            3 => Err(Error::invalid("bad")),
+            // More than the share of one of two or more.
+            7 if limits.max_memory < 600 => Err(Error::unsupported("too large")),
+            9 => Err(Error::unsupported("never")),
+            _ => Ok(number * 2),
+        });
+        let (done, failed) = parted(results.unwrap());
+        assert_eq!(failed.iter().map(|f| f.frame).collect::<Vec<_>>(), [3, 9]);
+        let expected: Vec<(u32, u32)> = numbers.iter().filter(|n| ![3, 9].contains(*n)).map(|n| (*n, n * 2)).collect();
+        assert_eq!(done, expected);
+        let stopped = each(&numbers, "test", limits, &context, |_, _| Err::<(), _>(Error::cancelled()));
+        assert_eq!(stopped.unwrap_err().kind(), Kind::Cancelled);
+    }
+}

@@ -1,0 +1,99 @@
+//! A long task: its inputs and its interruption.
+
+use super::context::Context;
+use super::outputs::{self, Content};
+use super::photos;
+use super::provenance::Provenance;
+use crate::app::checks::pictures::PictureFacts;
+use crate::app::checks::{self, Emission, Warning};
+use crate::cancel::Cancel;
+use crate::error::Result;
+use crate::formats::captures;
+use crate::formats::limits::Limits;
+use crate::inverse::observation::photo::Photo;
+use crate::scene::capture::Capture;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+/// The pictures that a task reads.
+#[derive(Debug, Clone, Copy)]
+pub struct Captured<'c> {
+    /// File that the capture lies in.
+    pub json: &'c Path,
+    /// Cameras and paths of the pictures.
+    pub capture: &'c Capture,
+    /// Whether the pictures must show the emission that the capture states.
+    pub emission: Emission,
+    /// Layer of the pictures; none for the beauty.
+    pub layer: Option<&'c str>,
+}
+
+/// A long task that has begun.
+#[derive(Debug)]
+pub struct Task {
+    /// Provenance of the output: command line and inputs.
+    pub provenance: Provenance,
+    /// Memory that the task may take.
+    pub limits: Limits,
+    /// Who watches the task, and what stops it.
+    pub context: Context,
+}
+
+impl Task {
+    /// Begins a task, once its output is known to have a fitting name and to be writable.
+    ///
+    /// # Errors
+    /// Those of [`outputs::file`].
+    pub fn begin(output: &Path, content: Content, limits: Limits, context: &Context) -> Result<Self> {
+        context.loading();
+        let provenance = Provenance::begin(context);
+        outputs::file(output, content)?;
+        Ok(Self { provenance, limits, context: context.clone() })
+    }
+
+    /// Reads the pictures of a capture, and returns what `take` makes of each, of `bytes` a pixel, with warnings about
+    /// doubtful ones.
+    ///
+    /// # Errors
+    /// Those of [`photos::each`], and an error if pictures and capture contradict each other.
+    pub fn pictures<T: Send>(
+        &mut self,
+        Captured { json, capture, emission, layer }: Captured<'_>,
+        bytes: u64,
+        take: impl Fn(Photo) -> T + Sync + Send,
+    ) -> Result<(Vec<T>, Vec<Warning>)> {
+        let bar = self.context.steps(capture.frames.len() as u64, "reading pictures");
+        let read = |photo: Photo| (PictureFacts::new(&photo, capture, emission), take(photo));
+        let (facts, taken): (Vec<_>, Vec<_>) =
+            photos::each(capture, layer, self.limits, bytes, &|| bar.inc(1), read)?.into_iter().unzip();
+        let pictures = capture.frames.iter().map(|f| f.picture.as_path());
+        let files = captures::files(json);
+        self.provenance.input(json, files.iter().map(PathBuf::as_path).chain(pictures))?;
+        let findings = checks::pictures::pictures(&facts, capture, emission);
+        drop(bar);
+        let mut warnings = checks::refuse(findings).map_err(|e| e.at(json))?;
+        warnings.extend(photos::remarks(capture));
+        self.context.warn(&warnings);
+        Ok((taken, warnings))
+    }
+
+    /// Marks the beginning of the work: a task that is stopped from here on writes its result so far.
+    pub fn work_begins(&self) {
+        self.context.work_begins();
+    }
+
+    /// Returns the cancellation that passes of the work poll.
+    pub fn stop(&self) -> Cancel {
+        self.context.cancel()
+    }
+
+    /// Returns the cancellation that passes poll which only measure or show the result.
+    pub fn closing(&self) -> Cancel {
+        self.context.closing()
+    }
+
+    /// Returns `Break` once the work is to stop.
+    pub fn flow(&self) -> ControlFlow<()> {
+        if self.stop().requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+}

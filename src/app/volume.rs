@@ -1,0 +1,100 @@
+//! The volume that a command works on, arranged for rays, with the transfer function that goes with it.
+
+use super::transfer::TransferSettings;
+use crate::error::{Error, Kind, Result};
+use crate::formats::limits::Limits;
+use crate::formats::vdb::{File, shaded};
+use crate::formats::{self, Format, transfer};
+use crate::scene::bricks::{Bricks, too_large};
+use crate::scene::grid::Grid;
+use crate::scene::transfer::Transfer;
+use crate::scene::volume::Grids;
+use std::path::Path;
+
+/// Opens an OpenVDB file. Of another file the error says how it becomes one.
+///
+/// # Errors
+/// If the file cannot be read, or is none of OpenVDB.
+pub fn open(path: &Path, limits: Limits) -> Result<File> {
+    match formats::sniff(path)? {
+        Format::Unknown => Err(formats::unknown(path)),
+        Format::Exr => Err(Error::invalid("this is a picture, and no volume")
+            .hint("give an OpenVDB file; cumulo compare compares pictures, and cumulo view shows them")
+            .at(path)),
+        _ => File::open(path, limits),
+    }
+}
+
+/// Reads a fog volume, and the transfer function that the settings name, else the one that the volume's grid carries.
+///
+/// # Errors
+/// If the volume or the transfer function cannot be read or used.
+pub fn read(
+    path: &Path,
+    name: Option<&str>,
+    function: &TransferSettings,
+    limits: Limits,
+) -> Result<(Grid, Option<Transfer>)> {
+    let requested = function.load(limits)?;
+    let grid = open(path, limits)?.read_fog(name)?;
+    let named = |e: Error| e.part(format!("grid '{}'", grid.name)).at(path);
+    let transfer = match requested {
+        Some(transfer) => Some(transfer),
+        None => transfer::from_metadata(&grid.metadata).map_err(named)?,
+    };
+    Ok((grid, transfer))
+}
+
+/// Arranges a grid for rays that only read it: constant tiles share bricks. With a transfer function the volume ends at
+/// its outermost active voxels, since there are no densities beyond them to interpolate with; if the function absorbs
+/// at density zero, the volume fills its box.
+///
+/// # Errors
+/// If the bricks would need more memory than is allowed.
+pub fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
+    let field = Bricks::instanced(grid, limits.max_memory).map_err(|e| signed(e, transfer))?;
+    let Some(transfer) = transfer else { return Ok(field) };
+    let field = ended(field, grid, transfer, limits)?;
+    // Renderers keep two tables of their own: of visible bricks, and of the distances to them.
+    let bytes = grid.memory() + size_of_val(field.values.as_slice()) as u64 + 4 * field.topology.table_bytes();
+    if bytes > limits.max_memory {
+        return Err(too_large(bytes, limits.max_memory).part(format!("grid '{}'", grid.name)));
+    }
+    Ok(field)
+}
+
+/// Arranges a grid as [`arrange`] does, with values of its own for every voxel: for gradients by voxel.
+///
+/// # Errors
+/// If the bricks would need more memory than is allowed.
+pub fn arrange_by_voxel(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
+    let field = Bricks::from_grid(grid, limits.max_memory).map_err(|e| signed(e, transfer))?;
+    match transfer {
+        Some(transfer) => ended(field, grid, transfer, limits),
+        None => Ok(field),
+    }
+}
+
+/// Says how a function of signed values, such as Hounsfield units, goes with values that densities cannot have.
+fn signed(e: Error, transfer: Option<&Transfer>) -> Error {
+    match transfer.map(transfer::range) {
+        Some([low, high]) if low < 0.0 && e.kind() == Kind::Invalid => e.instead(format!(
+            "the transfer function covers {low} to {high}: ⟨convert.map={low},{high}⟩ makes densities from 0 to 1 of \
+             that range, and ⟨tf_range=0,1⟩ moves the function to them"
+        )),
+        _ => e,
+    }
+}
+
+fn ended(mut field: Bricks<f32>, grid: &Grid, transfer: &Transfer, limits: Limits) -> Result<Bricks<f32>> {
+    field.domain = grid.active_box();
+    if transfer.table()?.at(0.0)[3] > 0.0 { field.filled(limits.max_memory) } else { Ok(field) }
+}
+
+/// Reads a pre-shaded volume; `name` is that of its extinctions.
+///
+/// # Errors
+/// If it cannot be read or used.
+pub fn read_pre_shaded(path: &Path, name: Option<&str>, limits: Limits) -> Result<Grids> {
+    Ok(Grids::EmissionExtinction(shaded::read(&open(path, limits)?, name, limits.max_memory)?))
+}

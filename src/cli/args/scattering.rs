@@ -1,0 +1,89 @@
+//! Options of scattering media and their lights.
+
+use super::read_as;
+use crate::app::pictures::scattering::{ScatteringSettings, Sky};
+use crate::cli::parse;
+use glam::DVec3;
+use std::str::FromStr;
+
+impl FromStr for Sky {
+    type Err = String;
+
+    /// Text with a letter other than an exponent's is the name of a file.
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.chars().any(|c| c.is_alphabetic() && !"eE".contains(c)) {
+            true => Ok(Self::File(text.into())),
+            false => parse::color(text).map(Self::Color),
+        }
+    }
+}
+
+/// A medium that scatters light is rendered by path tracing.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Scattering, by path tracing")]
+struct ScatteringArgs {
+    /// Share of the extinction that is scattered, one number or r,g,b from 0 to 1; turns path tracing on
+    #[arg(
+        long,
+        value_name = "A",
+        value_parser = parse::albedo,
+        conflicts_with_all = ["model", "quadrature", "early_stop", "supersample"],
+    )]
+    albedo: Option<[f32; 3]>,
+    /// Mean cosine of the scattering angle (Henyey-Greenstein), -0.999 to 0.999 (default: that of a stage, else 0)
+    #[arg(long, value_name = "G", value_parser = parse::number, requires = "albedo", allow_negative_numbers = true)]
+    anisotropy: Option<f64>,
+    /// Scatter like a surface where the density changes much: half of the light at a change of G per world length
+    #[arg(long, value_name = "G", value_parser = parse::positive, requires = "albedo")]
+    gradient_shading: Option<f64>,
+    /// Factors of the extinction in red, green and blue (default: those of a stage, else 1)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color, requires = "albedo")]
+    extinction_color: Option<[f32; 3]>,
+    /// Vector from the volume towards a sun
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, requires = "albedo", allow_hyphen_values = true)]
+    sun: Option<DVec3>,
+    /// Irradiance of the sun on a surface that faces it
+    #[arg(long, value_name = "R,G,B", default_value = "1", value_parser = parse::color, requires = "sun")]
+    sun_color: [f32; 3],
+    /// Angle across the sun in degrees
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.53, value_parser = parse::not_negative, requires = "sun")]
+    sun_angle: f64,
+    /// Radiance from all around, one color or an equirectangular EXR; also seen behind the volume unless --background
+    /// is given (default: black with a sun, else white)
+    #[arg(long, value_name = "R,G,B|EXR", requires = "albedo")]
+    sky: Option<Sky>,
+    /// Paths per pixel (default: 64); twice as many halve the variance
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    samples: Option<u32>,
+    /// Seed of the random numbers (default: 0); the same seed gives the same pictures
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+    /// Leave out light that was scattered more often (default: no limit)
+    #[arg(long, value_name = "B")]
+    max_bounces: Option<u32>,
+    /// Clamp the radiance that is scattered to a path: fewer bright dots in a picture that is too dark; the report
+    /// tells how much is lost
+    #[arg(long, value_name = "L", value_parser = parse::positive)]
+    clamp: Option<f64>,
+}
+
+impl From<ScatteringArgs> for ScatteringSettings {
+    fn from(args: ScatteringArgs) -> Self {
+        Self {
+            albedo: args.albedo,
+            anisotropy: args.anisotropy,
+            gradient_shading: args.gradient_shading,
+            extinction_color: args.extinction_color,
+            sun: args.sun.map(|direction| direction.to_array()),
+            sun_color: args.sun_color,
+            sun_angle: args.sun_angle,
+            sky: args.sky,
+            samples: args.samples,
+            seed: args.seed,
+            max_bounces: args.max_bounces,
+            clamp: args.clamp,
+        }
+    }
+}
+
+read_as!(ScatteringSettings, ScatteringArgs);

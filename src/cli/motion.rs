@@ -1,0 +1,91 @@
+//! `cumulo motion`: how what pictures of a volume show moves from frame to frame.
+
+use super::args::read_as;
+use super::memory::Memory;
+use super::output::Output;
+use super::parse;
+use crate::app::motion::{MotionSettings, SAMPLES};
+use crate::app::transfer::TransferSettings;
+use crate::error::Result;
+use crate::formats::sequence::Frames;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Write the motion of what pictures of a volume show, as a layer that denoisers follow
+///
+/// A pixel's motion is the mean over the first collisions of its rays with the volume. The layer `Vector` holds X and
+/// Y, the place in the frame before minus that now, and Z and W, the place now minus that in the frame after, in pixels
+/// to the right and upwards. `cumulo denoise --motion files:'motion.####.exr'` takes it, and the alpha that is with it:
+/// give the transfer function and the density scale that the pictures show.
+#[derive(Debug, clap::Args)]
+struct MotionArgs {
+    /// VDB of all frames, or of each: 'smoke.####.vdb'; or a scene file or USD stage
+    input: PathBuf,
+    /// Cameras of the frames, in a transforms.json whose pictures bear the frames' numbers; or the one of all
+    #[arg(long, value_name = "CAPTURE")]
+    cameras: PathBuf,
+    /// Pictures of the motion, numbered as the frames are
+    #[arg(long, short, value_name = "OUT.####.exr")]
+    output: PathBuf,
+    /// Frames: A, A-B or A-BxSTEP (default: those of the cameras, else of the volumes)
+    #[arg(long, value_name = "A-B")]
+    frames: Option<Frames>,
+    /// Grid that pictures show (default: density, else the only scalar one)
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    /// Extinction per world unit at a density of 1 (default: that of the cameras' capture)
+    #[arg(long, value_name = "S", value_parser = parse::positive)]
+    density_scale: Option<f64>,
+    #[command(flatten)]
+    transfer: TransferSettings,
+    /// Grid of the volume's velocities in world units per second
+    #[arg(long, value_name = "GRID")]
+    velocity: Option<String>,
+    /// Frames per second; 1 for velocities in world units per frame
+    #[arg(long, value_name = "F", default_value_t = 24.0, value_parser = parse::positive, requires = "velocity")]
+    fps: f64,
+    /// Replace pictures that another command made
+    #[arg(long)]
+    overwrite: bool,
+    /// Rays per pixel
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = SAMPLES,
+        value_parser = clap::value_parser!(u32).range(1..=1 << 16),
+    )]
+    samples: u32,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+impl From<MotionArgs> for MotionSettings {
+    fn from(args: MotionArgs) -> Self {
+        Self {
+            input: args.input,
+            cameras: args.cameras,
+            output: args.output,
+            frames: args.frames,
+            grid: args.grid,
+            density_scale: args.density_scale,
+            transfer: args.transfer,
+            velocity: args.velocity,
+            fps: args.fps,
+            overwrite: args.overwrite,
+            samples: args.samples,
+            limits: args.memory.limits(),
+        }
+    }
+}
+
+read_as!(MotionSettings, MotionArgs);
+
+/// Traces and reports. The exit code is 2 if a frame failed.
+///
+/// # Errors
+/// Those of [`MotionSettings::run`].
+pub fn run(settings: &MotionSettings, output: &Output) -> Result<ExitCode> {
+    let report = settings.run(output)?;
+    output.report(&report)?;
+    Ok(if report.complete() { ExitCode::SUCCESS } else { ExitCode::from(2) })
+}

@@ -1,0 +1,83 @@
+//! `cumulo render`: pictures of a volume from many sides, as a capture.
+
+use super::args::read_as;
+use super::output::Output;
+use super::parse;
+use crate::app::pictures::PictureSettings;
+use crate::app::render::{RenderReport, RenderSettings};
+use crate::error::Result;
+use crate::formats::sequence::Frames;
+use crate::render::aov::Aov;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Render a volume from many sides: a capture of EXR pictures and transforms.json; or one picture, EXR or PNG
+///
+/// Pictures are 32-bit float, scene-linear, alpha = 1 - transmittance. Absorption shows the background through the
+/// volume; emission-absorption adds the light of a source that is part of it; with --albedo light is scattered, and
+/// pictures are made by path tracing.
+#[derive(Debug, clap::Args)]
+struct RenderArgs {
+    /// Folder for transforms.json and the pictures; or, for one view or frame, the file of the picture: name.exr,
+    /// name.png. Runs of one command with other --frames add to one folder, at once or one after the other
+    #[arg(long, short, value_name = "DIR|FILE")]
+    output: PathBuf,
+    /// Replace a capture in the folder, whoever made it (one of the very same command is replaced without)
+    #[arg(long)]
+    overwrite: bool,
+    /// Write a PNG beside each EXR: radiance times 2^EXPOSURE, clipped to 0..1, sRGB
+    #[arg(long)]
+    png: bool,
+    /// Exposure of PNGs in stops (default: 0)
+    #[arg(long, value_name = "EV", value_parser = parse::exposure, allow_negative_numbers = true)]
+    exposure: Option<f64>,
+    /// Render a sequence, frame.####.exr for each number: A, A-B or A-BxSTEP (default with an input such as
+    /// smoke.####.vdb or a folder: all files that there are)
+    #[arg(long, value_name = "A-B")]
+    frames: Option<Frames>,
+    /// Skip frames that are there, made by the same command, unless a volume, the cameras or another input has changed
+    /// since
+    #[arg(long, conflicts_with = "overwrite")]
+    resume: bool,
+    /// Planes to write beside RGBA, one or more
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    aov: Vec<Aov>,
+    /// Grid of the volume's velocities in world units per second, for --aov motion
+    #[arg(long, value_name = "GRID")]
+    velocity: Option<String>,
+    /// Frames per second; 1 for velocities in world units per frame
+    #[arg(long, value_name = "F", default_value_t = 24.0, value_parser = parse::positive, requires = "velocity")]
+    fps: f64,
+    #[command(flatten)]
+    pictures: PictureSettings,
+}
+
+impl From<RenderArgs> for RenderSettings {
+    fn from(args: RenderArgs) -> Self {
+        Self {
+            output: args.output,
+            overwrite: args.overwrite,
+            png: args.png,
+            exposure: args.exposure,
+            frames: args.frames,
+            resume: args.resume,
+            aov: args.aov,
+            velocity: args.velocity,
+            fps: args.fps,
+            pictures: args.pictures,
+        }
+    }
+}
+
+read_as!(RenderSettings, RenderArgs);
+
+/// Renders and reports. The exit code is 2 if a frame failed.
+///
+/// # Errors
+/// Those of [`RenderSettings::run`].
+pub fn run(settings: &RenderSettings, output: &Output) -> Result<ExitCode> {
+    let report = settings.run(output)?;
+    output.report(&report)?;
+    let complete = !matches!(&report, RenderReport::Frames(frames) if !frames.complete());
+    Ok(if complete { ExitCode::SUCCESS } else { ExitCode::from(2) })
+}

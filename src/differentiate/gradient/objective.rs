@@ -1,0 +1,396 @@
+//! A loss on pictures from several cameras: its value, and its derivatives in reverse and forward mode, in either
+//! precision. (The loops of reconstructions are in [`pictures`](super::pictures): `f32`, local losses, compiled for
+//! each instruction set.)
+
+use crate::differentiate::loss::{Loss, Reach, Rgba};
+use crate::dual::Dual;
+use crate::real::Real;
+use crate::render::composited::{Composited, Pixel};
+use crate::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient, Seeds};
+use crate::render::differentiable::{Differentiable, Forward};
+use crate::render::tiles::{self, Subpixels};
+use crate::scene::camera::{Camera, CameraGradient};
+use crate::scene::table::TableGradient;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// A loss on pictures: the mean over the cameras.
+#[derive(Debug, Clone, Copy)]
+pub struct Objective<'o> {
+    /// The loss of one picture.
+    pub loss: Loss,
+    /// Cameras of the pictures.
+    pub cameras: &'o [Camera],
+    /// Target pictures, row-major, one per camera; none for losses that compare with nothing. Pixels that are not
+    /// finite are ignored.
+    pub targets: &'o [Vec<Rgba>],
+    /// Rays along each edge of a pixel, whose value is the mean over the square of that number.
+    pub rays_per_edge: usize,
+}
+
+/// Parameters to differentiate with respect to, besides extinction, color and background, which cost nothing.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ActiveParameters {
+    /// True for the stored voxels.
+    pub voxels: bool,
+    /// Number of knots of the transfer function, for derivatives with respect to it.
+    pub knots: Option<usize>,
+    /// True for cameras and the quadrature's step.
+    pub rays: bool,
+}
+
+/// Value and gradient of an objective.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Gradient<V> {
+    /// Value of the objective.
+    pub value: f64,
+    /// Derivatives with respect to the stored voxels, 729 a brick; empty if not requested.
+    pub voxels: Vec<V>,
+    /// Derivatives with respect to the transfer function, by piece.
+    pub table: TableGradient,
+    /// Derivatives with respect to each camera.
+    pub cameras: Vec<CameraGradient>,
+    /// Derivative with respect to the quadrature's step, in voxels.
+    pub step: f64,
+    /// Derivatives with respect to the parameters that all rays share.
+    pub shared: ParameterGradient,
+}
+
+/// A direction in which one kind of parameter changes.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Direction<V> {
+    /// Change of a camera, given by its number.
+    Camera(usize, CameraGradient),
+    /// Change of the quadrature's step, in voxels.
+    Step(f64),
+    /// Change of the parameters that all rays share.
+    Shared(ParameterGradient),
+    /// Change of the transfer function's pieces.
+    Table(TableGradient),
+    /// Change of the stored voxels, 729 a brick.
+    Voxels(Vec<V>),
+}
+
+/// A renderer with forward mode in all numbers of directions that are compiled.
+pub trait ForwardInAll: Forward<1> + Forward<2> + Forward<6> + Forward<7> {}
+impl<I: Forward<1> + Forward<2> + Forward<6> + Forward<7>> ForwardInAll for I {}
+
+/// Pixels processed in one run.
+const RUN: usize = 256;
+/// Number of gradient accumulators, for any number of threads; they are added in order.
+const PARTS: usize = 4;
+
+/// Derivatives of an objective with respect to one picture's pixels.
+enum Cotangents<'s> {
+    /// Derivatives that are computed pixel by pixel, times this factor.
+    Local(f64),
+    /// Derivatives of all pixels, computed in advance.
+    Global(&'s [Rgba]),
+}
+
+impl Objective<'_> {
+    /// Returns the value of the objective.
+    pub fn value<I: Differentiable>(&self, renderer: &Composited<I>) -> f64 {
+        let of = |view: usize| self.loss.picture(&self.picture(renderer, view), self.target(view), self.width(view)).0;
+        (0..self.cameras.len()).map(of).sum::<f64>() / self.cameras.len() as f64
+    }
+
+    /// Returns value and gradient, in reverse mode.
+    pub fn adjoint<I: Differentiable>(
+        &self,
+        renderer: &Composited<I>,
+        adjoint: Adjoint,
+        active: ActiveParameters,
+    ) -> Gradient<I::Voxel> {
+        let zero = || Gradient {
+            voxels: if active.voxels {
+                vec![I::Voxel::default(); renderer.integrator.field().values.len()]
+            } else {
+                Vec::new()
+            },
+            table: active.knots.map_or_else(TableGradient::default, TableGradient::of_knots),
+            cameras: vec![CameraGradient::default(); self.cameras.len()],
+            ..Gradient::default()
+        };
+        let mut parts: Vec<Gradient<I::Voxel>> = (0..PARTS).map(|_| zero()).collect();
+        let mut value = 0.0;
+        for view in 0..self.cameras.len() {
+            let (global, precomputed) = self.global(renderer, view);
+            value += global;
+            let cotangents = self.cotangents(view, precomputed.as_deref());
+            let runs = tiles::runs(self.pixels(view), RUN);
+            tiles::partitions(
+                &mut parts,
+                None,
+                |part| tiles::dealt(&runs, part, PARTS),
+                |_| I::Scratch::default(),
+                |own, tape, run| {
+                    run.clone().for_each(|i| {
+                        self.pixel_reverse(renderer, (adjoint, active), (view, i), &cotangents, own, tape)
+                    });
+                },
+            );
+        }
+        let mut total = zero();
+        total.value = value;
+        for part in parts {
+            total.value += part.value;
+            total.voxels.par_iter_mut().zip(part.voxels).for_each(|(t, v)| *t += v);
+            total.table.add(&part.table);
+            total.cameras.iter_mut().zip(&part.cameras).for_each(|(t, c)| *t = t.plus(c));
+            total.step += part.step;
+            total.shared = total.shared.plus(&part.shared);
+        }
+        total
+    }
+
+    /// Returns the value and its derivatives along directions, in forward mode with up to 7 directions per walk.
+    pub fn tangent<I: ForwardInAll>(
+        &self,
+        renderer: &Composited<I>,
+        directions: &[Direction<I::Voxel>],
+    ) -> (f64, Vec<f64>) {
+        let mut all = Vec::with_capacity(directions.len());
+        let mut left = directions;
+        loop {
+            let (now, later) = left.split_at(left.len().min(7));
+            let (value, some) = match now.len() {
+                0 | 1 => self.tangent_of::<I, 1>(renderer, now),
+                2 => self.tangent_of::<I, 2>(renderer, now),
+                3..=6 => self.tangent_of::<I, 6>(renderer, now),
+                _ => self.tangent_of::<I, 7>(renderer, now),
+            };
+            all.extend(some);
+            left = later;
+            if left.is_empty() {
+                return (value, all);
+            }
+        }
+    }
+
+    fn tangent_of<I: Forward<P>, const P: usize>(
+        &self,
+        renderer: &Composited<I>,
+        directions: &[Direction<I::Voxel>],
+    ) -> (f64, Vec<f64>) {
+        let mut sum = Dual::<f64, P>::constant(0.0);
+        for view in 0..self.cameras.len() {
+            if self.loss.reach() == Reach::Global {
+                // Derivatives wait for the loss's: forward, no ray is walked again.
+                let forward =
+                    |tape: &mut I::Scratch, i: usize| self.pixel_forward(renderer, directions, (view, i), tape);
+                let pixels: Vec<[Dual<f64, P>; 4]> = self.each_pixel(view, I::Scratch::default, forward);
+                let rendered: Vec<Rgba> = pixels.iter().map(|p| p.map(|c| c.value)).collect();
+                let (value, cotangents) = self.of_picture(&rendered, view);
+                sum.value += value;
+                pixels.iter().zip(&cotangents).for_each(|(pixel, cotangent)| add_along(&mut sum, pixel, cotangent));
+                continue;
+            }
+            let cotangents = self.cotangents(view, None);
+            let of_run = |tape: &mut I::Scratch, run: &Range<usize>| {
+                let mut sum = Dual::<f64, P>::constant(0.0);
+                for i in run.clone() {
+                    let pixel = self.pixel_forward(renderer, directions, (view, i), tape);
+                    let (value, cotangent) = self.pixel(view, i, &pixel.map(|c| c.value), &cotangents);
+                    sum.value += value;
+                    add_along(&mut sum, &pixel, &cotangent);
+                }
+                sum
+            };
+            let parts = tiles::map(&tiles::runs(self.pixels(view), RUN), None, I::Scratch::default, of_run);
+            sum = parts.into_iter().flatten().fold(sum, |sum, part| sum + part);
+        }
+        (sum.value, sum.tangent[..directions.len()].to_vec())
+    }
+
+    /// Adds one pixel's value and derivatives to a gradient.
+    fn pixel_reverse<I: Differentiable>(
+        &self,
+        renderer: &Composited<I>,
+        (adjoint, active): (Adjoint, ActiveParameters),
+        (view, i): (usize, usize),
+        cotangents: &Cotangents<'_>,
+        own: &mut Gradient<I::Voxel>,
+        tape: &mut I::Scratch,
+    ) {
+        let (rays, share) = (self.positions(view, i), self.share());
+        // Of several rays the mean must be known first.
+        let precomputed = match cotangents {
+            Cotangents::Local(_) if self.rays_per_edge <= 1 => None,
+            Cotangents::Local(_) => {
+                let (value, cotangent) = self.pixel(view, i, &self.render_pixel(renderer, view, i, tape), cotangents);
+                own.value += value;
+                Some(cotangent)
+            }
+            Cotangents::Global(all) => Some(all[i]),
+        };
+        for [x, y] in rays {
+            let mut ray_gradient = RayGradient::default();
+            let to = Accumulators {
+                voxels: active.voxels.then_some(&mut own.voxels),
+                table: active.knots.is_some().then_some(&mut own.table),
+                ray: active.rays.then_some(&mut ray_gradient),
+                shared: &mut own.shared,
+            };
+            let camera = &self.cameras[view];
+            let value = &mut own.value;
+            let mut loss = |rendered: &Pixel<I::Real>| match precomputed {
+                Some(cotangent) => cotangent.map(|s| I::Real::of(share * s)),
+                None => {
+                    let (loss, cotangent) = self.pixel(view, i, &rendered.rgba().map(Real::f64), cotangents);
+                    *value += loss;
+                    cotangent.map(I::Real::of)
+                }
+            };
+            renderer.vjp(&camera.ray(x, y), &mut loss, adjoint, to, tape);
+            if active.rays {
+                let by_camera = camera.gradient(x, y, ray_gradient.origin, ray_gradient.direction);
+                own.cameras[view] = own.cameras[view].plus(&by_camera);
+                own.step += ray_gradient.step;
+            }
+        }
+    }
+
+    /// Returns one pixel with its derivatives along the directions.
+    fn pixel_forward<I: Forward<P>, const P: usize>(
+        &self,
+        renderer: &Composited<I>,
+        directions: &[Direction<I::Voxel>],
+        (view, i): (usize, usize),
+        tape: &mut I::Scratch,
+    ) -> [Dual<f64, P>; 4] {
+        let (rays, share) = (self.positions(view, i), self.share());
+        let camera = &self.cameras[view];
+        let mut mean = [Dual::<f64, P>::constant(0.0); 4];
+        for [x, y] in rays {
+            let mut seeds: Seeds<'_, I::Voxel, P> = Seeds::default();
+            for (p, direction) in directions.iter().enumerate() {
+                match direction {
+                    Direction::Camera(number, change) if *number == view => {
+                        let ray = camera.tangent(x, y, change);
+                        seeds.ray[p] = RayGradient { origin: ray.origin, direction: ray.direction, step: 0.0 };
+                    }
+                    Direction::Camera(..) => {}
+                    Direction::Step(change) => seeds.ray[p].step = *change,
+                    Direction::Shared(change) => seeds.shared[p] = *change,
+                    Direction::Table(change) => seeds.table[p] = Some(change),
+                    Direction::Voxels(change) => seeds.voxels[p] = Some(change),
+                }
+            }
+            let rendered = renderer.jvp(&camera.ray(x, y), &seeds, tape).rgba();
+            (0..4).for_each(|c| mean[c] = mean[c] + rendered[c].f64().linear(|v| share * v));
+        }
+        mean
+    }
+
+    /// Returns value and derivatives that a pixel adds; the value is 0 for a global loss, which is added for the whole
+    /// picture.
+    fn pixel(&self, view: usize, i: usize, rendered: &Rgba, cotangents: &Cotangents<'_>) -> (f64, Rgba) {
+        let share = match cotangents {
+            Cotangents::Global(all) => return (0.0, all[i]),
+            Cotangents::Local(share) => *share,
+        };
+        let nothing = [0.0; 4];
+        let target = self.target(view).map_or(&nothing, |t| &t[i]);
+        if target.iter().chain(rendered).any(|v| !v.is_finite()) {
+            return (0.0, nothing);
+        }
+        let (value, cotangent) = self.loss.pixel(rendered, target);
+        (share * value, cotangent.map(|s| share * s))
+    }
+
+    /// Returns value and derivatives of a rendered picture, times the view's share, for losses that need all of it; 0
+    /// and `None` for local losses.
+    fn global<I: Differentiable>(&self, renderer: &Composited<I>, view: usize) -> (f64, Option<Vec<Rgba>>) {
+        if self.loss.reach() == Reach::Local {
+            return (0.0, None);
+        }
+        let (value, cotangents) = self.of_picture(&self.picture(renderer, view), view);
+        (value, Some(cotangents))
+    }
+
+    /// Returns value and derivatives of a given picture, times the view's share.
+    fn of_picture(&self, rendered: &[Rgba], view: usize) -> (f64, Vec<Rgba>) {
+        let share = 1.0 / self.cameras.len() as f64;
+        let (value, mut cotangents) = self.loss.picture(rendered, self.target(view), self.width(view));
+        cotangents.iter_mut().flatten().for_each(|s| *s *= share);
+        (share * value, cotangents)
+    }
+
+    fn cotangents<'s>(&self, view: usize, precomputed: Option<&'s [Rgba]>) -> Cotangents<'s> {
+        match precomputed {
+            Some(precomputed) => Cotangents::Global(precomputed),
+            None => {
+                let count = match self.target(view) {
+                    Some(target) => target.iter().filter(|p| p.iter().all(|v| v.is_finite())).count(),
+                    None => self.pixels(view),
+                };
+                Cotangents::Local(1.0 / (count.max(1) * self.cameras.len()) as f64)
+            }
+        }
+    }
+
+    /// Renders the picture of a camera, row-major.
+    pub fn picture<I: Differentiable>(&self, renderer: &Composited<I>, view: usize) -> Vec<Rgba> {
+        self.each_pixel(view, I::Scratch::default, |tape, i| self.render_pixel(renderer, view, i, tape))
+    }
+
+    /// Computes a value for each pixel of a view, by its row-major number.
+    fn each_pixel<S, T: Send>(
+        &self,
+        view: usize,
+        scratch: impl Fn() -> S + Sync + Send,
+        pixel: impl Fn(&mut S, usize) -> T + Sync + Send,
+    ) -> Vec<T> {
+        let run = |scratch: &mut S, run: &Range<usize>| run.clone().map(|i| pixel(scratch, i)).collect::<Vec<T>>();
+        let runs = tiles::map(&tiles::runs(self.pixels(view), RUN), None, scratch, run);
+        runs.into_iter().flatten().flatten().collect()
+    }
+
+    /// Returns the mean over a pixel's rays.
+    fn render_pixel<I: Differentiable>(
+        &self,
+        renderer: &Composited<I>,
+        view: usize,
+        i: usize,
+        tape: &mut I::Scratch,
+    ) -> Rgba {
+        let (rays, share) = (self.positions(view, i), self.share());
+        let mut mean = [0.0; 4];
+        for [x, y] in rays {
+            let pixel = renderer.pixel_on(&self.cameras[view].ray(x, y), tape).rgba();
+            (0..4).for_each(|c| mean[c] += share * pixel[c].f64());
+        }
+        mean
+    }
+
+    /// Returns the image positions of a pixel's rays.
+    fn positions(&self, view: usize, i: usize) -> impl Iterator<Item = [f64; 2]> + use<> {
+        let width = self.width(view);
+        Subpixels::new(self.rays_per_edge).positions([i % width, i / width])
+    }
+
+    /// Returns the weight of one ray in its pixel.
+    fn share(&self) -> f64 {
+        1.0 / Subpixels::new(self.rays_per_edge).count() as f64
+    }
+
+    fn target(&self, view: usize) -> Option<&[Rgba]> {
+        self.targets.get(view).map(Vec::as_slice)
+    }
+
+    fn width(&self, view: usize) -> usize {
+        self.cameras[view].width as usize
+    }
+
+    fn pixels(&self, view: usize) -> usize {
+        self.width(view) * self.cameras[view].height as usize
+    }
+}
+
+/// Adds a pixel's derivatives, weighted by the loss's.
+fn add_along<const P: usize>(sum: &mut Dual<f64, P>, pixel: &[Dual<f64, P>; 4], cotangent: &Rgba) {
+    for (channel, cotangent) in pixel.iter().zip(cotangent) {
+        (0..P).for_each(|p| sum.tangent[p] += cotangent * channel.tangent[p]);
+    }
+}

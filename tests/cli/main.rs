@@ -1,0 +1,57 @@
+//! The program `cumulo` as its users call it: every command, what it prints and how it ends, and the pages that tell of it.
+//!
+//! Limits of memory and variables of the environment are those of the commands that the tests start. No test here changes
+//! or measures what its own process shares; such tests belong in `process`.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a panic is how a test fails"
+)]
+
+#[allow(dead_code, reason = "each program uses its own part")]
+#[path = "../common/mod.rs"]
+mod common;
+
+mod arrays;
+mod capture;
+mod command_line;
+mod compare;
+mod contradictions;
+mod convert_edits;
+mod denoise;
+mod diff;
+mod gradient;
+mod guide;
+mod imaging;
+mod info;
+mod nanovdb;
+mod outputs;
+mod pictures;
+mod plan;
+mod pose;
+#[cfg(target_os = "linux")]
+mod readers_memory;
+mod reconstruct;
+mod reconstruct_tf;
+mod render;
+mod report;
+mod scattering;
+mod schemas;
+mod sequence;
+mod sequences;
+mod shell;
+mod statistical;
+mod through_transfer;
+mod transfer;
+mod transfer_names;
+mod up;
+mod usd;
+mod usd_author;
+mod usd_lint;
+mod vdb;
+mod view;
+mod viewpoint;
+mod volume_memory;

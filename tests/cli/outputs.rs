@@ -1,0 +1,205 @@
+//! What a command may write: regular files with fitting names, never one of its own inputs, nor somebody else's capture.
+
+use crate::common::replaced::{self, Spelling};
+use crate::common::work::{Work, errors, fixture};
+use clap::CommandFactory;
+use std::any::TypeId;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
+use std::path::PathBuf;
+use std::process::Command;
+
+fn with_inputs() -> Work {
+    let work = Work::new();
+    for name in ["cube.vdb", "slab.vdb"] {
+        std::fs::copy(fixture(name), work.path(name)).unwrap();
+    }
+    let tf = r#"{"format": "cumulo-transfer-function", "version": 1, "transfer": {"kind": "piecewise",
+                 "points": [[0.0, 1, 1, 1, 0.0], [1.0, 0.2, 0.5, 0.9, 2.0]]}}"#;
+    std::fs::write(work.path("two.tf.json"), tf).unwrap();
+    work.json("render cube.vdb --views 4 --size 12x12 -o cap");
+    work.json("render cube.vdb --views 4 --size 12x12 --tf two.tf.json -o bright");
+    work
+}
+
+#[test]
+fn devices_pipes_and_folders_are_refused() {
+    let work = with_inputs();
+    assert!(Command::new("mkfifo").arg(work.path("pipe.vdb")).status().unwrap().success());
+    // Where the test may make a device, it is one of its own: a fault would replace it.
+    let made = Command::new("mknod").arg(work.path("device")).args(["c", "1", "3"]).output().unwrap();
+    let device = if made.status.success() { work.path("device") } else { "/dev/null".into() };
+    symlink(&device, work.path("null.vdb")).unwrap();
+    let device = device.to_str().unwrap();
+    for (words, expected) in [
+        (&*format!("convert cube.vdb {device}"), "device"),
+        ("convert cube.vdb null.vdb", "device"),
+        ("convert cube.vdb pipe.vdb", "pipe"),
+        ("convert cube.vdb cap", "folder"),
+        (&*format!("reconstruct density cap -o {device}"), "device"),
+        ("gradient cube.vdb --wrt density --loss mean --views 1 -o pipe.vdb", "pipe"),
+        ("transfer two.tf.json -o /dev/stdout", "device"),
+        (&*format!("render cube.vdb --views 1 -o {device}"), "folder"),
+        ("convert cube.vdb -", "standard output"),
+        ("render cube.vdb --views 1 -o -", "standard output"),
+        ("reconstruct density cap -o o.vdb --report -", "standard output"),
+    ] {
+        work.refused(words, &[expected]);
+    }
+    assert!(std::fs::metadata(device).unwrap().file_type().is_char_device());
+    assert!(std::fs::metadata(work.path("pipe.vdb")).unwrap().file_type().is_fifo());
+    assert!(!work.path("-").exists());
+}
+
+#[test]
+fn links_stay_links_and_modes_stay_modes() {
+    let work = with_inputs();
+    std::fs::create_dir(work.path("store")).unwrap();
+    symlink("store/real.vdb", work.path("link.vdb")).unwrap();
+    work.json("convert cube.vdb link.vdb");
+    let mode = |name: &str| std::fs::metadata(work.path(name)).unwrap().permissions().mode() & 0o777;
+    std::fs::set_permissions(work.path("store/real.vdb"), PermissionsExt::from_mode(0o604)).unwrap();
+    work.json("convert slab.vdb link.vdb");
+    assert!(std::fs::symlink_metadata(work.path("link.vdb")).unwrap().is_symlink());
+    assert_eq!(mode("store/real.vdb"), 0o604);
+    assert_eq!(work.difference("slab.vdb", "store/real.vdb")["max_abs"], 0.0);
+    // A new file has the mode that the umask leaves; nothing outside the output's folder is touched for it.
+    let line = format!("umask 027; exec {} convert cube.vdb new.vdb", env!("CARGO_BIN_EXE_cumulo"));
+    let out = Command::new("sh").args(["-c", &line]).current_dir(work.path("")).env("TMPDIR", "/nowhere").output();
+    assert!(out.as_ref().unwrap().status.success(), "{}", errors(&out.unwrap()));
+    assert_eq!(mode("new.vdb"), 0o640);
+    // Pictures too.
+    std::fs::set_permissions(work.path("cap/view_000.exr"), PermissionsExt::from_mode(0o600)).unwrap();
+    work.json("render cube.vdb --views 2 --size 12x12 -o cap --overwrite");
+    assert_eq!(mode("cap/view_000.exr"), 0o600);
+}
+
+#[test]
+fn inputs_are_never_replaced() {
+    let work = with_inputs();
+    symlink("cube.vdb", work.path("same.vdb")).unwrap();
+    std::fs::hard_link(work.path("cap/view_001.exr"), work.path("hard.vdb")).unwrap();
+    std::fs::hard_link(work.path("bright/view_001.exr"), work.path("bright.vdb")).unwrap();
+    let before = work.files("");
+    for words in [
+        "convert cube.vdb cube.vdb",
+        "convert cube.vdb same.vdb",
+        "convert cube.vdb --tf two.tf.json ./cap/../cube.vdb",
+        "gradient cube.vdb --wrt density --loss mean --views 1 -o cube.vdb",
+        "gradient cube.vdb --wrt density --loss l2 --target cap -o hard.vdb",
+        "reconstruct density cap -o hard.vdb",
+        "reconstruct density cap --init slab.vdb -o slab.vdb",
+        "reconstruct color bright -o bright.vdb --resolution 8",
+        "reconstruct tf bright --volume cube.vdb -o bright/transforms.json",
+        "pose cap --volume cube.vdb -o cap/transforms.json",
+        "transfer two.tf.json -o two.tf.json",
+    ] {
+        work.refused(words, &["is an input of this command", "another name"]);
+    }
+    // Names that end otherwise are refused before.
+    for words in [
+        "viewpoint cube.vdb -o cube.vdb",
+        "pose cap --volume cube.vdb -o cube.vdb",
+        "reconstruct density cap -o cap/view_000.exr",
+        "reconstruct tf bright --volume cube.vdb -o cube.vdb",
+        "compare cap/view_000.exr cap/view_001.exr --heatmap cap/view_000.exr",
+    ] {
+        work.refused(words, &["would be written"]);
+    }
+    assert_eq!(work.files(""), before);
+}
+
+/// Whichever option leads to a file, and whatever it would become: it stays, `--overwrite` or not.
+#[test]
+fn no_input_of_any_option_becomes_an_output() {
+    let work = replaced::prepared();
+    let before = work.files("in");
+    for case in replaced::ALL.iter().chain([&replaced::REPORT]) {
+        replaced::works(&work, case);
+        let first = case.inputs.iter().map(|input| (input, &case.outputs[0]));
+        let others = case.outputs[1..].iter().map(|output| (&case.inputs[0], output));
+        for (number, (input, output)) in first.chain(others).enumerate() {
+            let spelling = if number % 2 == 0 { Spelling::Symbolic } else { Spelling::Hard };
+            replaced::refused(&work, case, input, output, spelling);
+        }
+    }
+    assert_eq!(work.files("in"), before);
+}
+
+/// An option that takes a path is among those above, so that a new one cannot be forgotten.
+#[test]
+fn every_option_with_a_path_is_tried_as_an_output() {
+    // These write nothing beside what they print, or pages of their own.
+    const WITHOUT_OUTPUTS: [&str; 8] = ["completions", "diff", "info", "man", "plan", "schema", "try-grid", "validate"];
+    let mut left: Vec<(String, clap::Command)> = vec![(String::new(), cumulo::cli::Arguments::command())];
+    let mut seen = 0;
+    while let Some((path, command)) = left.pop() {
+        for sub in command.get_subcommands().filter(|sub| !WITHOUT_OUTPUTS.contains(&sub.get_name())) {
+            left.push((format!("{path} {}", sub.get_name()).trim().to_owned(), sub.clone()));
+        }
+        for arg in command.get_arguments().filter(|arg| !arg.is_positional()) {
+            let name = arg.get_long().unwrap_or_default();
+            let takes_path = arg.get_value_parser().type_id() == TypeId::of::<PathBuf>();
+            if takes_path || ["sky", "motion", "beside"].contains(&name) {
+                let of_command = |case: &&replaced::Case| case.words.starts_with(&format!("{path} "));
+                let mut cases = replaced::ALL.iter().chain([&replaced::REPORT]).filter(of_command);
+                let named = |case: &replaced::Case| {
+                    let short = arg.get_short().map_or(String::new(), |short| format!(" -{short} "));
+                    case.words.contains(&format!(" --{name} ")) || !short.is_empty() && case.words.contains(&short)
+                };
+                assert!(cases.any(named), "cumulo {path} --{name} is not tried in tests/replaced");
+                seen += 1;
+            }
+        }
+    }
+    assert!(seen > 30, "{seen}");
+}
+
+#[test]
+fn names_of_other_formats_are_refused() {
+    let work = with_inputs();
+    let before = work.files("");
+    work.refused("convert cube.vdb out.usd", &["OpenVDB", "usd", ".vdb"]);
+    work.refused("convert cube.vdb out.exr", &["cube.vdb", "from VDB to EXR", ".npy"]);
+    work.refused("reconstruct density cap -o o.npy", &["OpenVDB", ".npy"]);
+    work.refused("render cube.vdb --views 2 -o cloud.png", &["2 views", "one picture", "--view"]);
+    work.refused("render cube.vdb --views 1 -o cloud.jpg", &["folder", ".jpg"]);
+    work.refused("render cube.vdb --views 1 -o -", &["standard output"]);
+    work.refused("reconstruct density cap -o o.vdb --report page.html", &["folder", ".html"]);
+    work.refused("viewpoint cube.vdb -o best.json --pictures shots.exr", &["folder", ".exr"]);
+    assert_eq!(work.files(""), before);
+}
+
+#[test]
+fn a_capture_of_another_command_is_spared() {
+    let work = with_inputs();
+    let before = work.files("cap");
+    work.refused("render slab.vdb --views 2 --size 8x8 -o cap", &["another capture", "--overwrite"]);
+    assert_eq!(work.files("cap"), before);
+    // The very same command again is no surprise.
+    work.json("render cube.vdb --views 4 --size 12x12 -o cap");
+    work.json("render slab.vdb --views 2 --size 8x8 -o cap --overwrite");
+    assert_ne!(work.files("cap"), before);
+    // Pictures without a capture are somebody's too.
+    std::fs::create_dir(work.path("lone")).unwrap();
+    std::fs::copy(work.path("bright/view_000.exr"), work.path("lone/view_001.exr")).unwrap();
+    work.refused("render slab.vdb --views 2 --size 8x8 -o lone", &["view_001.exr", "--overwrite"]);
+    work.refused(
+        "viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o best.json --pictures lone",
+        &["view_001.exr", "--overwrite"],
+    );
+    assert_eq!(work.files("lone").len(), 1);
+    work.json("viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o fresh.json --pictures shots");
+    work.json("viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o fresh.json --pictures shots");
+    // A search replaces no capture of another command; resumed, it goes on from other searches, and from nothing else.
+    let search = "viewpoint cube.vdb --starts 1 --iterations 1 --size 8x8";
+    let before = work.files("cap");
+    for words in ["", "--resume"] {
+        let expected = ["cap/transforms.json", "another capture", "--overwrite"];
+        work.refused(&format!("{search} {words} -o cap/transforms.json"), &expected);
+    }
+    work.refused(&format!("{search} -o fresh.json"), &["fresh.json", "another capture"]);
+    assert_eq!(work.files("cap"), before);
+    work.json(&format!("{search} --resume -o fresh.json"));
+    work.json(&format!("{search} --overwrite -o cap/transforms.json"));
+    assert_ne!(work.files("cap"), before);
+}

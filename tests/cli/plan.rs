@@ -1,0 +1,108 @@
+//! `cumulo plan`, and `cumulo render` by plans.
+
+use crate::common::work::{Work, fixture};
+use serde_json::Value;
+
+const LIT: &str = "--density-scale 4 --albedo 0.9 --sun 1,1,2 --sun-color 3 --sky 0.2,0.3,0.5";
+
+fn effect<'v>(plan: &'v Value, name: &str) -> &'v Value {
+    let effects = plan["effects"].as_array().unwrap();
+    effects.iter().find(|e| e["name"] == name).unwrap_or_else(|| panic!("{name} in {plan}"))
+}
+
+#[test]
+fn plans_tell_states_costs_and_bounds() {
+    let work = Work::new();
+    let plan = work.json(&format!("plan @plume.vdb --size 64x48 --samples 16 {LIT}"));
+    assert_eq!(plan["integrator"], "path-tracing");
+    assert_eq!((&plan["omitted"], &plan["views"]), (&Value::from(0.0), &Value::from(1)));
+    for (name, state) in [
+        ("scattering", "on"),
+        ("multiple-scattering", "on"),
+        ("light-0", "on"),
+        ("environment", "on"),
+        ("emission", "off"),
+        ("anisotropy", "off"),
+        ("transfer-function", "off"),
+        ("overlap", "off"),
+    ] {
+        assert_eq!(effect(&plan, name)["state"], state, "{name}");
+        assert!(!effect(&plan, name)["reason"].as_str().unwrap().is_empty(), "{name}");
+    }
+    assert!(effect(&plan, "scattering")["cost"].as_f64().unwrap() > 0.0);
+    assert!(plan["cost"]["seconds"].as_f64().unwrap() > 0.0);
+    assert_eq!(plan["cost"]["paths"], 64 * 48 * 16);
+    let depth = &plan["measured"]["optical_depth"];
+    assert!(depth["largest"].as_f64().unwrap() <= depth["bound"].as_f64().unwrap(), "{depth}");
+
+    let text = work.text(&format!("plan @plume.vdb --size 64x48 --samples 16 {LIT} --max-omitted 0.2"));
+    assert!(
+        text.contains("path tracing")
+            && text.contains("bounded")
+            && text.contains("of radiance is missing")
+            && text.contains("bound: most radiance"),
+        "{text}"
+    );
+    let forced = work.json(&format!("plan @plume.vdb {LIT} --max-omitted 1000 --force scattering,light-0"));
+    assert_eq!(effect(&forced, "light-0")["state"], "on");
+    assert_eq!(effect(&forced, "environment")["state"], "off");
+
+    let glow = r#"{"format": "cumulo-transfer-function", "version": 1, "transfer": {"kind": "piecewise",
+        "points": [[0, 0.2, 0.2, 0.2, 0], [1, 0.9, 0.5, 0.1, 3]]}}"#;
+    std::fs::write(work.path("glow.tf.json"), glow).unwrap();
+    let straight = work.json("plan @plume.vdb --tf glow.tf.json --size 32x32");
+    assert_eq!(straight["integrator"], "direct-volume-rendering");
+    assert_eq!(effect(&straight, "transfer-function")["state"], "on");
+    work.refused(&format!("plan @plume.vdb {LIT} --force light-3"), &["light-3", "1 lights", "numbered"]);
+    work.refused(&format!("plan @plume.vdb {LIT} --force glow"), &["glow", "multiple-scattering"]);
+    work.refused("plan @plume.vdb --samples 4", &["--samples", "--albedo"]);
+}
+
+/// A scene file without albedo is rendered along straight rays: as the VDB by direct volume rendering.
+#[test]
+fn what_scatters_nothing_is_rendered_along_straight_rays() {
+    let work = Work::new();
+    let scene = serde_json::json!({
+        "volumes": [{"file": fixture("plume.vdb"), "medium": {"density_scale": 4}}],
+        "lights": [
+            {"type": "DistantLight", "direction": [1, 1, 2], "irradiance": [3, 3, 3]},
+            {"type": "DomeLight", "radiance": [0.2, 0.3, 0.5]}],
+    });
+    std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
+    let report = work.json("render scene.json --views 1 --size 24x20 --samples 16 -o one");
+    assert_eq!(report["plan"]["integrator"], "direct-volume-rendering");
+    assert!(report["quadrature"].as_str().is_some());
+    work.json(
+        "render @plume.vdb --views 1 --size 24x20 --supersample 4 --density-scale 4 --background 0.2,0.3,0.5 -o two",
+    );
+    assert_eq!(work.picture("one/view_000.exr"), work.picture("two/view_000.exr"));
+    // Planes of paths need paths.
+    let paths = work.json("render scene.json --views 1 --size 24x20 --samples 16 --aov depth -o three");
+    assert_eq!(paths["plan"]["integrator"], "path-tracing");
+    let record: Value = serde_json::from_slice(&std::fs::read(work.path("one/transforms.json")).unwrap()).unwrap();
+    assert_eq!(record["plan"]["omitted"], 0.0);
+}
+
+/// A limit shortens paths, and the report says so; force brings them back.
+#[test]
+fn a_limit_shortens_paths() {
+    let work = Work::new();
+    let render = |more: &str| {
+        work.json(&format!("render @plume.vdb --views 1 --size 24x20 --samples 64 {LIT} {more} --overwrite -o out"))
+    };
+    let each = |report: &Value| report["paths"]["collisions_per_path"].as_f64().unwrap();
+    let (full, short) = (render(""), render("--max-omitted 1"));
+    assert!(each(&short) < each(&full), "{short} {full}");
+    let omitted = short["plan"]["omitted"].as_f64().unwrap();
+    assert!(omitted > 0.0 && omitted <= 1.0);
+    assert_eq!(
+        each(&render("--max-omitted 1 --force scattering,multiple-scattering,light-0,environment")),
+        each(&full)
+    );
+    let straight = render("--max-omitted 100");
+    assert_eq!(straight["plan"]["integrator"], "direct-volume-rendering");
+    assert!(
+        work.text(&format!("render @plume.vdb --views 1 --size 9x9 {LIT} --max-omitted 100 -o text"))
+            .contains("of radiance is missing")
+    );
+}
