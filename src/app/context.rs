@@ -4,6 +4,7 @@ use super::failed::Failed;
 use super::progress::{Event, Progress, Unit, Unwatched};
 use crate::app::checks::Warning;
 use crate::cancel::Cancel;
+use crate::wording::worded;
 use std::collections::HashSet;
 use std::fmt::{self, Display};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -105,13 +106,13 @@ impl Context {
 
     /// Makes a remark, unless it was made before.
     pub fn note(&self, text: impl Display) {
-        self.once(&text.to_string(), |text| self.progress.event(&Event::Remark { text }));
+        self.once(&worded(&text.to_string()), |text| self.progress.event(&Event::Remark { text }));
     }
 
     /// Tells a detail of how the work is done, unless it was told before.
     pub fn detail(&self, text: impl Display) {
         if !self.silent {
-            self.once(&text.to_string(), |text| self.progress.event(&Event::Detail { text }));
+            self.once(&worded(&text.to_string()), |text| self.progress.event(&Event::Detail { text }));
         }
     }
 
@@ -322,12 +323,12 @@ mod tests {
     #[test]
     fn remarks_are_made_once_and_steps_of_other_work_show_nothing() {
         let (log, context) = watched();
-        context.note("a");
-        context.silent().note("a");
+        context.note("⟨a⟩");
+        context.silent().note("⟨a⟩");
         context.silent().note("b");
         context.silent().detail("c");
         drop(context.silent().steps(3, "none"));
-        assert_eq!(log.take(), [r#"{"event":"remark","text":"a"}"#, r#"{"event":"remark","text":"b"}"#]);
+        assert_eq!(log.take(), [r#"{"event":"remark","text":"`a`"}"#, r#"{"event":"remark","text":"b"}"#]);
         context.cancel();
         context.silent().cancel();
         assert_eq!(log.take(), [r#"{"event":"stoppable"}"#], "said once");

@@ -1,6 +1,6 @@
 //! The use cases: what the program does, whoever asks for it.
 //!
-//! Each one has plain settings and a function `run(&Settings, &Context) -> Result<Report>`. The [`Context`] tells who
+//! Each one has plain settings with a method `run(&self, &Context) -> Result<Report>`. The [`Context`] tells who
 //! watches the work and what stops it. A use case knows no command line: the face that runs it makes the settings,
 //! shows the progress and words the report and the errors.
 

@@ -1,5 +1,5 @@
-//! Checks of the files that a command writes, before its work: names that fit their content, and files of other
-//! commands.
+//! Checks of the files that a use case writes, before its work: names that fit their content, and files of other
+//! settings.
 
 use super::provenance::Provenance;
 use crate::error::{Error, Result};

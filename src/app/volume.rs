@@ -1,4 +1,4 @@
-//! The volume that a command works on, arranged for rays, with the transfer function that goes with it.
+//! The volume that a use case works on, arranged for rays, with the transfer function that goes with it.
 
 use super::transfer::TransferSettings;
 use crate::error::{Error, Kind, Result};

@@ -7,7 +7,6 @@ use super::progress::Terminal;
 use crate::app::Context;
 use crate::error::{Error, Result};
 use crate::text::{printable_json, printable_lines, shell_quoted};
-use crate::wording::worded;
 use serde::Serialize;
 use std::fmt::Display;
 use std::io::Write;
@@ -53,7 +52,7 @@ impl Output {
     pub fn report<T: Serialize + Display>(&self, report: &T) -> Result<()> {
         let failed = |e: serde_json::Error| Error::invalid(e.to_string());
         if !self.json {
-            return print(&printable_lines(&worded(&report.to_string())));
+            return print(&printable_lines(&report.to_string()));
         }
         let document = Document { version: VERSION, command: &self.command, report };
         document::reported();

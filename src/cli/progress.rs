@@ -4,7 +4,6 @@ use super::log::{self, Log};
 use crate::app::progress::{Event, Progress, Unit};
 use crate::error::Error;
 use crate::text::{printable_json, printable_lines};
-use crate::wording::worded;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde_json::json;
@@ -80,7 +79,7 @@ impl Terminal {
             }
             Event::Ended { stage, name, seconds } => {
                 if let Some(Bar { bar, .. }) = bars.remove(&stage) {
-                    drop(bar);
+                    bar.finish_and_clear();
                 }
                 if self.verbose {
                     let _ = writeln!(std::io::stderr().lock(), "{name}: {seconds:.3} s");
@@ -99,7 +98,7 @@ impl Terminal {
 
     fn say(&self, text: impl Display) {
         if !self.quiet {
-            let _ = writeln!(std::io::stderr().lock(), "{}", printable_lines(&worded(&text.to_string())));
+            let _ = writeln!(std::io::stderr().lock(), "{}", printable_lines(&text.to_string()));
             log::sign();
         }
     }
@@ -112,7 +111,7 @@ impl Progress for Terminal {
             Form::Text => self.show(event),
             Form::Json => {
                 if let Ok(json) = serde_json::to_string(event) {
-                    let _ = writeln!(std::io::stderr().lock(), "{}", printable_json(&worded(&json)));
+                    let _ = writeln!(std::io::stderr().lock(), "{}", printable_json(&json));
                 }
             }
         }

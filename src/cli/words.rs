@@ -8,7 +8,7 @@ const MANNER: [&str; 7] = ["--resume", "--overwrite", "--quiet", "-q", "--verbos
 
 /// Returns the words of a command without the program's name and without those that choose frames or say how to work.
 fn settings(command: &str) -> Vec<&str> {
-    words(command, &MANNER, &["--frames", "--threads", "--max-memory"])
+    words(command, &MANNER, &["--frames", "--threads", "--max-memory", "--progress"])
 }
 
 /// Returns the words of a command without the program's name, without `flags`, and without options and their `values`.
@@ -44,6 +44,6 @@ mod tests {
         let a = settings("cumulo render a.vdb --frames 1-3 --threads 2 --resume -o b");
         assert_eq!(a, settings("/bin/cumulo render a.vdb --frames=4 -o b --json"));
         assert_ne!(a, settings("cumulo render a.vdb -o c"));
-        assert_eq!(a, settings("cumulo render a.vdb -o b -v --max-memory 2GiB"));
+        assert_eq!(a, settings("cumulo render a.vdb -o b -v --max-memory 2GiB --progress json"));
     }
 }

@@ -13,6 +13,8 @@ use cumulo::scene::film::Film;
 use cumulo::scene::grid::Grid;
 use glam::DVec3;
 use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::os::unix::ffi::OsStringExt;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -444,4 +446,26 @@ fn a_limit_above_the_brightness_is_remarked() {
     };
     assert!(remarks("0.2").contains("--max-omitted is a radiance"), "{}", remarks("0.2"));
     assert!(!remarks("1e-9").contains("--max-omitted"), "{}", remarks("1e-9"));
+}
+
+/// Who made an output is told by its settings, however they are written, and whatever the names of the files.
+#[test]
+fn the_same_settings_are_written_in_many_ways() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 2 --size 8x8 --albedo 0.5 --samples 2 -o shots");
+    let again = "render --samples 2 @plume.vdb --albedo 0.5 -o shots --size 8x8 --views 2";
+    for more in ["--threads 1", "--seed 0 --fov 40", "--max-memory 1G -v", "--up auto"] {
+        work.json(&format!("{again} {more}"));
+    }
+    let before = work.files("shots");
+    for other in ["--seed 1", "--clamp 3", "--background 1", "--max-bounces 2", "--anisotropy 0.1", "--fov 41"] {
+        work.refused(&format!("{again} {other}"), &["another capture", "--overwrite"]);
+    }
+    assert_eq!(work.files("shots"), before);
+    let odd = OsString::from_vec(b"b\xffad.vdb".to_vec());
+    std::fs::copy(fixture("plume.vdb"), work.path("").join(&odd)).unwrap();
+    for (views, code) in [(1, 0), (1, 0), (2, 2)] {
+        let mut command = work.command(&format!("render --views {views} --size 8x8 -o odd"));
+        assert_eq!(command.arg(&odd).output().unwrap().status.code(), Some(code), "{views}");
+    }
 }

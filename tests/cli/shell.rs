@@ -174,3 +174,25 @@ fn unlike_volumes_are_sampled_and_say_so() {
     assert!((0.6..1.6).contains(&ratio), "{ratio}");
     work.refused("diff @plume.vdb coarse.vdb --voxels none", &["--voxels"]);
 }
+
+/// Stages that begin end, and what counts steps reaches their number. The error that ends a command is an event, too.
+#[test]
+fn events_are_lines_of_json() {
+    let work = Work::new();
+    let events = |words: &str| -> Vec<Value> {
+        let out = work.command(&format!("{words} --progress json")).output().unwrap();
+        let read = |line: &str| serde_json::from_str(line).unwrap_or_else(|e| panic!("{words}: {e}: {line}"));
+        errors(&out).lines().map(read).collect()
+    };
+    let all = events("render @plume.vdb --views 7 --size 24x24 --albedo 0.9 --samples 4 -o shots");
+    let of = |kind: &str| -> Vec<&Value> { all.iter().filter(|event| event["event"] == kind).collect() };
+    let [began] = of("began")[..] else { panic!("{all:?}") };
+    assert_eq!((&began["name"], &began["total"], of("ended").len()), (&json!("render"), &json!(7), 1));
+    let done: Vec<f64> = of("advanced").iter().map(|event| event["done"].as_f64().unwrap()).collect();
+    assert!(done.is_sorted() && done.len() > 7 && done.last() == Some(&7.0), "{done:?}");
+    assert!(of("remark").iter().any(|remark| remark["text"].as_str().unwrap().starts_with("up axis")), "{all:?}");
+    let failed = events("render missing.vdb --views 1 -o shots");
+    let last = failed.last().unwrap();
+    assert_eq!((&last["event"], &last["file"]), (&json!("error"), &json!("missing.vdb")));
+    work.refused("render @plume.vdb --views 1 -o shots --quiet --progress json", &["--quiet"]);
+}

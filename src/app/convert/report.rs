@@ -7,6 +7,7 @@ use crate::formats::vdb::GridInfo;
 use crate::math::Affine;
 use crate::text::bytes as human;
 use crate::text::printable;
+use crate::wording::worded;
 use glam::{DMat4, DVec3};
 use serde::Serialize;
 use std::fmt;
@@ -129,10 +130,11 @@ impl fmt::Display for GridPlace {
         }
         if let Some(greatest) = self.values.removed_greatest {
             let (count, share) = (self.values.removed, 100.0 * self.values.removed_share);
-            writeln!(f, "  ⟨threshold⟩ removed {count} values up to {greatest}, {share:.4} % of the sum")?;
+            let threshold = worded("⟨threshold⟩");
+            writeln!(f, "  {threshold} removed {count} values up to {greatest}, {share:.4} % of the sum")?;
         }
         let rows: Vec<String> = self.transform[..3].iter().flatten().map(|v| format!("{v}")).collect();
-        writeln!(f, "  ⟨transform⟩={}", rows.join(","))
+        writeln!(f, "  {}={}", worded("⟨transform⟩"), rows.join(","))
     }
 }
 

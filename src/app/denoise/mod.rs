@@ -457,7 +457,7 @@ impl DenoiseSettings {
     /// Returns what an earlier run has left of a frame.
     ///
     /// # Errors
-    /// If a picture that another command made would be replaced, or without `resume` one that is damaged.
+    /// If a picture that other settings made would be replaced, or without `resume` one that is damaged.
     fn earlier(&self, number: u32, input: &Path, output: &Path, provenance: &Provenance) -> Result<Earlier> {
         let replace = self.overwrite || self.resume && outputs::is_damaged(output);
         let same = outputs::is_own_picture(output, SETTINGS, provenance, replace)?;

@@ -1,4 +1,4 @@
-//! Folder of a sequence. Runs of one command share it, at once or one after the other: what each of them may replace,
+//! Folder of a sequence. Runs of the same settings share it, at once or one after the other: what each of them may replace,
 //! what it skips, and the list of cameras that it adds its own to.
 
 use super::sequence::{Done, Sequence};
@@ -13,7 +13,7 @@ use crate::scene::capture::{Capture, Frame};
 use serde_json::{Map, json};
 use std::path::{Path, PathBuf};
 
-/// Error that another command wrote the capture in the folder.
+/// Error that other settings wrote the capture in the folder.
 fn other_capture(json: &Path) -> Error {
     Error::invalid("another capture lies here, of another command than this one").at(json).hint(
         "runs of the very same settings, whichever ⟨frames⟩ they render, add to one folder; give another folder, or \
@@ -22,7 +22,7 @@ fn other_capture(json: &Path) -> Error {
 }
 
 impl Sequence<'_> {
-    /// Makes sure that neither inputs nor anything of other commands is replaced.
+    /// Makes sure that neither inputs nor anything of other settings is replaced.
     pub(super) fn spare(&self, frames: &[(u32, PathBuf)]) -> Result<()> {
         let pictures: Vec<PathBuf> = frames.iter().flat_map(|(_, path)| self.render.files_of(path)).collect();
         let json = self.target.json();
@@ -44,7 +44,7 @@ impl Sequence<'_> {
         })
     }
 
-    /// Makes sure that no capture of another command is replaced.
+    /// Makes sure that no capture of other settings is replaced.
     fn spare_capture(&self, json: &Path) -> Result<()> {
         match self.render.overwrite || !json.exists() || outputs::is_own_capture(json, &self.provenance) {
             true => Ok(()),
@@ -52,7 +52,7 @@ impl Sequence<'_> {
         }
     }
 
-    /// Returns the capture that runs of this command have left in the folder; none if there is none.
+    /// Returns the capture that runs of these settings have left in the folder; none if there is none.
     pub(super) fn earlier(&self) -> Option<Capture> {
         let json = self.target.json().filter(|json| outputs::is_own_capture(json, &self.provenance))?;
         protected::unprotected(&json, || transforms::load(&json)).ok()
@@ -83,7 +83,7 @@ impl Sequence<'_> {
     /// end at once, one waits for the other.
     ///
     /// # Errors
-    /// If another command has written a capture meanwhile, or the file cannot be written.
+    /// If a run of other settings has written a capture meanwhile, or the file cannot be written.
     pub(super) fn write(
         &mut self,
         done: &[Done],

@@ -80,7 +80,7 @@ impl RenderSettings {
     /// Renders the frames and writes them. A frame that fails is part of the report.
     ///
     /// # Errors
-    /// If no frame can be begun, or pictures of other commands would be replaced.
+    /// If no frame can be begun, or pictures of other settings would be replaced.
     pub(super) fn run_frames(&self, target: Target<'_>, context: &Context) -> Result<FramesReport> {
         let mut provenance = self.provenance(context);
         let pattern = Pattern::parse(&self.pictures.input);

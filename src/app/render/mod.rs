@@ -447,7 +447,7 @@ impl RenderSettings {
         }
     }
 
-    /// Makes sure that the outputs replace neither inputs nor files that another command wrote.
+    /// Makes sure that the outputs replace neither inputs nor files that other settings wrote.
     fn spare(&self, target: Target<'_>, capture: &Capture, provenance: &Provenance) -> Result<()> {
         let json = target.json();
         let pictures: Vec<PathBuf> = capture.frames.iter().flat_map(|f| self.files_of(&f.picture)).collect();
