@@ -1,5 +1,5 @@
-//! Folder of a sequence. Runs of the same settings share it, at once or one after the other: what each of them may replace,
-//! what it skips, and the list of cameras that it adds its own to.
+//! Folder of a sequence. Runs of the same settings share it, at once or one after the other: what each of them may
+//! replace, what it skips, and the list of cameras that it adds its own to.
 
 use super::sequence::{Done, Sequence};
 use crate::app::Context;
