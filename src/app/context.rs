@@ -323,12 +323,12 @@ mod tests {
     #[test]
     fn remarks_are_made_once_and_steps_of_other_work_show_nothing() {
         let (log, context) = watched();
-        context.note("⟨a⟩");
-        context.silent().note("⟨a⟩");
+        context.note("⟨frames⟩");
+        context.silent().note("⟨frames⟩");
         context.silent().note("b");
         context.silent().detail("c");
         drop(context.silent().steps(3, "none"));
-        assert_eq!(log.take(), [r#"{"event":"remark","text":"`a`"}"#, r#"{"event":"remark","text":"b"}"#]);
+        assert_eq!(log.take(), [r#"{"event":"remark","text":"`frames`"}"#, r#"{"event":"remark","text":"b"}"#]);
         context.cancel();
         context.silent().cancel();
         assert_eq!(log.take(), [r#"{"event":"stoppable"}"#], "said once");

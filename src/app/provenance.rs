@@ -16,7 +16,7 @@ use std::time::{Instant, SystemTime};
 /// Attribute of a picture that holds the hash of the settings it was made by.
 pub const SETTINGS: &str = "cumulo:settings";
 
-/// Origin of an output: program, command line, settings, inputs and wall time.
+/// Provenance of an output: program, origin, settings, inputs and wall time.
 #[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Provenance {
     /// Name and version of the program.
@@ -31,7 +31,7 @@ pub struct Provenance {
     pub settings: String,
     /// SHA-256 of the bytes of each input in hexadecimal digits, by the input's path.
     pub inputs: BTreeMap<String, String>,
-    /// Seconds from the start of the command to the writing of the output.
+    /// Seconds from the start of the work to the writing of the output.
     pub seconds: f64,
     #[serde(skip, default = "Instant::now")]
     start: Instant,
@@ -56,7 +56,7 @@ impl Provenance {
     #[must_use]
     pub fn of(self, use_case: &str, settings: &impl Serialize, manner: &[&str]) -> Self {
         let use_case = use_case.to_owned();
-        // Of settings that no JSON holds, such as paths that are not Unicode, nothing is known to be the same.
+        // Of settings that no JSON holds nothing is known to be the same.
         let Ok(mut value) = serde_json::to_value(settings) else { return Self { use_case, ..self } };
         if let Some(settings) = value.as_object_mut() {
             settings.retain(|name, _| !manner.contains(&name.as_str()));

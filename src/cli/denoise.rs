@@ -60,11 +60,11 @@ struct DenoiseArgs {
     /// Frames before and after a chunk, or after a frame, that are read to learn from
     #[arg(long, value_name = "M", default_value_t = 12)]
     overlap: u32,
-    /// Skip frames that are there, made by the same command, unless the picture or its motion has changed since;
+    /// Skip frames that are there, made by the same settings, unless the picture or its motion has changed since;
     /// changes of the frames around, of which a frame learns, do not count
     #[arg(long)]
     resume: bool,
-    /// Replace pictures that another command made
+    /// Replace pictures that other settings made
     #[arg(long)]
     overwrite: bool,
     /// Frames at which another shot begins: auto finds them, none has none

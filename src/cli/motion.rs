@@ -44,7 +44,7 @@ struct MotionArgs {
     /// Frames per second; 1 for velocities in world units per frame
     #[arg(long, value_name = "F", default_value_t = 24.0, value_parser = parse::positive, requires = "velocity")]
     fps: f64,
-    /// Replace pictures that another command made
+    /// Replace pictures that other settings made
     #[arg(long)]
     overwrite: bool,
     /// Rays per pixel

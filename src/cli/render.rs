@@ -19,10 +19,10 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 struct RenderArgs {
     /// Folder for transforms.json and the pictures; or, for one view or frame, the file of the picture: name.exr,
-    /// name.png. Runs of one command with other --frames add to one folder, at once or one after the other
+    /// name.png. Runs of the same settings with other --frames add to one folder, at once or one after the other
     #[arg(long, short, value_name = "DIR|FILE")]
     output: PathBuf,
-    /// Replace a capture in the folder, whoever made it (one of the very same command is replaced without)
+    /// Replace a capture in the folder, whoever made it (one of the same settings is replaced without)
     #[arg(long)]
     overwrite: bool,
     /// Write a PNG beside each EXR: radiance times 2^EXPOSURE, clipped to 0..1, sRGB
@@ -35,7 +35,7 @@ struct RenderArgs {
     /// smoke.####.vdb or a folder: all files that there are)
     #[arg(long, value_name = "A-B")]
     frames: Option<Frames>,
-    /// Skip frames that are there, made by the same command, unless a volume, the cameras or another input has changed
+    /// Skip frames that are there, made by the same settings, unless a volume, the cameras or another input has changed
     /// since
     #[arg(long, conflicts_with = "overwrite")]
     resume: bool,

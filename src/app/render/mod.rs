@@ -223,11 +223,11 @@ impl fmt::Display for ViewsReport {
 }
 
 impl RenderSettings {
-    /// Reads, renders, writes and reports.
+    /// Reads, renders and writes. Frames that fail are part of the report.
     ///
     /// # Errors
-    /// If the volume or the cameras cannot be used, or the folder cannot be written to; an earlier
-    /// capture in the folder is untouched then.
+    /// If the volume or the cameras cannot be used, or the folder cannot be written to; an earlier capture in the
+    /// folder is untouched then.
     pub fn run(&self, context: &Context) -> Result<RenderReport> {
         if let Some(input) = self.pictures.sequence_of_folder()? {
             let pictures = PictureSettings { input, ..self.pictures.clone() };
@@ -241,7 +241,7 @@ impl RenderSettings {
         self.run_views(target, context).map(RenderReport::Views)
     }
 
-    /// Renders views, writes and reports.
+    /// Renders views and writes them.
     fn run_views(&self, target: Target<'_>, context: &Context) -> Result<ViewsReport> {
         if self.resume {
             return Err(Error::invalid("⟨resume⟩: views appear together, when all are there")
