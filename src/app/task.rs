@@ -7,7 +7,7 @@ use super::provenance::Provenance;
 use crate::app::checks::pictures::PictureFacts;
 use crate::app::checks::{self, Emission, Warning};
 use crate::cancel::Cancel;
-use crate::error::Result;
+use crate::error::{Error, Kind, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
 use crate::inverse::observation::photo::Photo;
@@ -28,6 +28,14 @@ pub struct Captured<'c> {
     pub layer: Option<&'c str>,
 }
 
+/// What is said of work that was stopped before it had a result.
+pub const NOTHING_FOUND: &str = "stopped by the user before anything was found; nothing is written";
+
+/// Returns the error of work that has no result yet, which says so if the work was stopped.
+pub fn without_result(error: Error) -> Error {
+    if error.kind() == Kind::Cancelled { Error::cancelled().saying(NOTHING_FOUND) } else { error }
+}
+
 /// A long task that has begun.
 #[derive(Debug)]
 pub struct Task {
@@ -40,14 +48,22 @@ pub struct Task {
 }
 
 impl Task {
-    /// Begins a task, once its output is known to have a fitting name and to be writable.
+    /// Begins a task, once its output and the folder of its page, if there is to be one, are known to have fitting names
+    /// and to be writable.
     ///
     /// # Errors
-    /// Those of [`outputs::file`].
-    pub fn begin(output: &Path, content: Content, limits: Limits, context: &Context) -> Result<Self> {
+    /// Those of [`outputs::file`] and [`outputs::page`].
+    pub fn begin(
+        output: &Path,
+        content: Content,
+        page: Option<&Path>,
+        limits: Limits,
+        context: &Context,
+    ) -> Result<Self> {
         context.loading();
         let provenance = Provenance::begin(context);
         outputs::file(output, content)?;
+        page.map_or(Ok(()), outputs::page)?;
         Ok(Self { provenance, limits, context: context.clone() })
     }
 
@@ -95,5 +111,12 @@ impl Task {
     /// Returns `Break` once the work is to stop.
     pub fn flow(&self) -> ControlFlow<()> {
         if self.stop().requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    /// Says how to go on with a task that was stopped.
+    pub fn tell_stopped(&self, stopped: bool) {
+        if stopped {
+            self.context.note("stopped; what was there by then is written, and ⟨resume⟩ goes on from it");
+        }
     }
 }

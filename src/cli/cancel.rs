@@ -1,10 +1,10 @@
 //! Signals that ask the program to stop: SIGINT (Ctrl-C), SIGTERM and SIGHUP.
 
 use super::{document, progress};
-use crate::app::Context;
 use crate::app::progress::Event;
+use crate::app::task::NOTHING_FOUND;
 use crate::cancel::Cancel;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::process;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
@@ -100,9 +100,8 @@ fn watch() {
 
 /// Prints that nothing was written, and returns the exit code of a program that a signal ended.
 pub fn nothing_found() -> u8 {
-    const WHAT: &str = "stopped by the user before anything was found; nothing is written";
-    document::write(WHAT, None, None, None);
-    progress::tell(&Error::cancelled().saying(WHAT));
+    document::write(NOTHING_FOUND, None, None, None);
+    progress::tell(&Error::cancelled().saying(NOTHING_FOUND));
     code()
 }
 
@@ -111,23 +110,7 @@ pub fn code() -> u8 {
     CODE.load(Ordering::SeqCst)
 }
 
-/// Separates work that was stopped before it had a result, for which it returns an exit code, from results.
-///
-/// # Errors
-/// All errors but that of being stopped.
-pub fn ended<T>(result: Result<T>) -> Result<std::result::Result<T, ExitCode>> {
-    match result {
-        Ok(value) => Ok(Ok(value)),
-        Err(e) if e.kind() == Kind::Cancelled => Ok(Err(ExitCode::from(nothing_found()))),
-        Err(e) => Err(e),
-    }
-}
-
-/// Returns the exit code of a finished task, 130 if Ctrl-C stopped it, and then prints a note on `--resume`.
-pub fn exit_code(stopped: bool, context: &Context) -> ExitCode {
-    if stopped {
-        context.note("stopped; what was there by then is written, and --resume goes on from it");
-        return ExitCode::from(code());
-    }
-    ExitCode::SUCCESS
+/// Returns the exit code of a finished task, 130 if Ctrl-C stopped it.
+pub fn exit_code(stopped: bool) -> ExitCode {
+    if stopped { ExitCode::from(code()) } else { ExitCode::SUCCESS }
 }

@@ -41,7 +41,10 @@ use crate::app::denoise::DenoiseSettings;
 use crate::app::inputs;
 use crate::app::motion::MotionSettings;
 use crate::app::plan::PlanSettings;
+use crate::app::pose::PoseSettings;
 use crate::app::render::RenderSettings;
+use crate::app::report::PageSettings;
+use crate::app::viewpoint::ViewpointSettings;
 use crate::error::{Error, Kind, Result};
 use crate::formats::limits::Limits;
 use crate::formats::protected;
@@ -104,12 +107,12 @@ enum Command {
     Convert(Box<ConvertSettings>),
     Denoise(DenoiseSettings),
     Diff(diff::Diff),
-    Pose(pose::Pose),
+    Pose(PoseSettings),
     Gradient(gradient::GradientCommand),
     Render(RenderSettings),
     #[command(subcommand)]
     Reconstruct(reconstruct::Reconstruct),
-    Report(report::Report),
+    Report(PageSettings),
     Schema(schema::Schema),
     Transfer(transfer::TransferCommand),
     #[command(name = crate::formats::vdb::helper::SUBCOMMAND, hide = true)]
@@ -117,7 +120,7 @@ enum Command {
     #[command(subcommand)]
     Usd(usd::UsdCommand),
     View(view::View),
-    Viewpoint(viewpoint::Viewpoint),
+    Viewpoint(ViewpointSettings),
 }
 
 impl Command {
@@ -135,18 +138,18 @@ impl Command {
             Self::Convert(s) => Memory::of(s.limits),
             Self::Denoise(s) => Memory::of(s.limits),
             Self::Diff(c) => c.memory,
-            Self::Pose(c) => c.memory,
+            Self::Pose(s) => Memory::of(s.limits),
             Self::Gradient(c) => c.memory,
             Self::Plan(s) => Memory::of(s.pictures.limits),
             Self::Render(s) => Memory::of(s.pictures.limits),
-            Self::Reconstruct(c) => c.memory(),
-            Self::Report(c) => c.memory,
+            Self::Reconstruct(c) => Memory::of(c.limits()),
+            Self::Report(s) => Memory::of(s.limits),
             Self::Completions(_) | Self::Man(_) | Self::Schema(_) => return Ok(Limits::default().max_memory),
             Self::Transfer(c) => c.memory,
             Self::TryGrid(c) => return Ok(c.max_memory),
             Self::Usd(c) => c.memory(),
             Self::View(c) => c.memory,
-            Self::Viewpoint(c) => c.memory,
+            Self::Viewpoint(s) => Memory::of(s.limits),
         };
         memory.check()?;
         Ok(memory.limits().max_memory)
@@ -361,18 +364,18 @@ fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
         Command::Convert(s) => convert::run(&s, output),
         Command::Denoise(s) => denoise::run(&s, output),
         Command::Diff(c) => c.run(output),
-        Command::Pose(c) => c.run(output),
+        Command::Pose(s) => pose::run(&s, output),
         Command::Gradient(c) => c.run(output),
         Command::Plan(s) => plan::run(&s, output),
         Command::Render(s) => render::run(&s, output),
         Command::Reconstruct(c) => c.run(output),
-        Command::Report(c) => c.run(output),
+        Command::Report(s) => report::run(&s, output),
         Command::Schema(c) => c.run(output),
         Command::Transfer(c) => c.run(output),
         Command::TryGrid(c) => Ok(c.run()),
         Command::Usd(c) => c.run(output),
         Command::View(c) => c.run(output),
-        Command::Viewpoint(c) => c.run(output),
+        Command::Viewpoint(s) => viewpoint::run(&s, output),
     }
 }
 

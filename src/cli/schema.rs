@@ -1,10 +1,7 @@
 //! `cumulo schema`: JSON schemas of the files that Cumulo reads, and of the documents that it writes.
 
 use super::output::Output;
-use super::report::transfer::TransferRun;
-use super::{
-    capture, compare, diff, document, gradient, info, man, pose, report, transfer, usd, validate, view, viewpoint,
-};
+use super::{capture, compare, diff, document, gradient, info, man, transfer, usd, validate, view};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -61,18 +58,18 @@ kinds! {
     Man: "man" => man::Report;
     Motion: "motion" => app::motion::MotionReport;
     Plan: "plan" => app::plan::PlanReport;
-    Pose: "pose" => pose::Report;
+    Pose: "pose" => app::pose::PoseReport;
     ReconstructColor: "reconstruct color" => app::run::Run;
     ReconstructDensity: "reconstruct density" => app::run::Run;
-    ReconstructTf: "reconstruct tf" => TransferRun;
+    ReconstructTf: "reconstruct tf" => app::reconstruct::TransferRun;
     Render: "render" => app::render::RenderReport;
-    Report: "report" => report::Written;
+    Report: "report" => app::report::PageReport;
     Transfer: "transfer" => transfer::AnyReport;
     UsdAuthor: "usd author" => usd::Authored;
     UsdLint: "usd lint" => usd::Linted;
     Validate: "validate" => validate::Report;
     View: "view" => view::Report;
-    Viewpoint: "viewpoint" => viewpoint::Report;
+    Viewpoint: "viewpoint" => app::viewpoint::ViewpointReport;
 }
 
 impl Schema {

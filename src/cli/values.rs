@@ -2,6 +2,8 @@
 
 use crate::app::convert::{Convention, Form, Repair, UpTarget};
 use crate::app::denoise::{Cuts, Direction, Filter, Guide};
+use crate::app::reconstruct::refinement::Refined;
+use crate::app::reconstruct::{density, transfer};
 use crate::app::up::UpChoice;
 use crate::differentiate::study::ad_mode::Mode;
 use crate::formats::imaging::options::Axes;
@@ -15,7 +17,7 @@ use clap::ValueEnum;
 use clap::builder::PossibleValue;
 
 macro_rules! value_enum {
-    ($kind:ty { $($variant:ident: $name:literal $(or $alias:literal)*, $help:literal;)* }) => {
+    ($kind:ty { $($variant:ident: $name:literal $(or $alias:literal)* $(, $help:literal)?;)* }) => {
         impl ValueEnum for $kind {
             fn value_variants<'a>() -> &'a [Self] {
                 &[$(Self::$variant),*]
@@ -23,7 +25,7 @@ macro_rules! value_enum {
 
             fn to_possible_value(&self) -> Option<PossibleValue> {
                 Some(match self {
-                    $(Self::$variant => PossibleValue::new($name)$(.alias($alias))*.help($help),)*
+                    $(Self::$variant => PossibleValue::new($name)$(.alias($alias))*$(.help($help))?,)*
                 })
             }
         }
@@ -113,6 +115,27 @@ value_enum!(Cuts {
 value_enum!(Form {
     Fog: "fog", "Densities: 0 outside, 1 inside, with a ramp across the inner half of the narrow band";
     LevelSet: "level-set", "Distances to the surface of one density, negative inside";
+});
+
+value_enum!(density::Choice {
+    Auto: "auto";
+    Cg: "cg", "Conjugate gradients in the smoothness prior's metric";
+    Weiss2021: "weiss2021" or "paper", "Adam as in Weiss & Westermann (2021)";
+});
+
+value_enum!(density::Loss {
+    Huber: "huber";
+    L2: "l2";
+});
+
+value_enum!(transfer::Choice {
+    Auto: "auto";
+    Weiss2021: "weiss2021" or "paper", "Adam as in Weiss & Westermann (2021); colors lie between 0 and 1";
+});
+
+value_enum!(Refined {
+    Pose: "pose", "Position and rotation of each camera";
+    Focal: "focal", "These, and a factor of the focal length that all cameras share";
 });
 
 value_enum!(Convention {

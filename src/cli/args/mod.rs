@@ -2,6 +2,8 @@
 
 pub mod frames;
 pub mod pictures;
+pub mod refinement;
+pub mod region;
 pub mod scattering;
 pub mod transfer;
 

@@ -5,10 +5,10 @@ use super::page::Gallery;
 use super::traits::Matched;
 use super::{Arguments, ENDINGS};
 use crate::app::failed::Failed;
+use crate::app::outputs;
 use crate::app::provenance::Provenance;
 use crate::app::sequence::{Results, Sequence, common, each};
 use crate::cli::output::Output;
-use crate::cli::report;
 use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::limits::Limits;
@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments, [a, b]: [&Sequence; 2], output: &Output) -> Re
             .hint("frames are matched by their numbers"));
     }
     if let Some(dir) = &arguments.report {
-        report::prepare(dir)?;
+        outputs::page(dir)?;
     }
     let gauge = || Gauge::new(arguments.space(), arguments.flip);
     let (first, other, gallery) = (gauge(), gauge(), Gallery::new(both.len()));

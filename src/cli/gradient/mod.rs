@@ -221,7 +221,7 @@ impl GradientCommand {
             outputs::file(path, Content::Vdb)?;
         }
         if let Some(dir) = &self.report {
-            super::report::prepare(dir)?;
+            outputs::page(dir)?;
         }
         let (volume, setup) = {
             let _stage = output.stage("reading the volume");

@@ -1,29 +1,9 @@
 //! `cumulo reconstruct color`: a pre-shaded volume from emission-absorption pictures.
 
-use super::capture::LoadedCapture;
-use super::confidence::{self, Fit};
-use super::region::{Placed, Region};
-use super::volume::{Pictures, Solved, VolumeTask};
-use crate::app::checks::Emission;
-use crate::app::outputs::Content;
-use crate::app::photos;
-use crate::app::run::{self, Solver};
-use crate::cli::cancel;
+use crate::app::reconstruct::{ColorSettings, RegionSettings};
+use crate::cli::args::read_as;
 use crate::cli::memory::Memory;
-use crate::cli::output::Output;
-use crate::cli::report;
-use crate::error::{Error, Result};
-use crate::formats::protected;
-use crate::formats::vdb::{File, shaded};
-use crate::inverse::color::{self, Shaded};
-use crate::inverse::cost::{Cost, Method};
-use crate::inverse::density::Request;
-use crate::inverse::observation::transmittances::Channels;
-use crate::scene::capture::Model;
-use crate::scene::grid::Grid;
-use crate::scene::medium::Medium;
-use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::path::PathBuf;
 
 /// Reconstruct a pre-shaded volume from emission-absorption pictures: extinction and emitted color by voxel
 ///
@@ -32,14 +12,14 @@ use std::process::ExitCode;
 /// either in each voxel. `cumulo render --model pre-shaded` renders the result. Ctrl-C
 /// writes what is there (exit code 130); --resume goes on from it.
 #[derive(Debug, clap::Args)]
-pub struct Color {
+struct ColorArgs {
     /// transforms.json of the pictures, a model of COLMAP, or the folder of either
     capture: PathBuf,
     /// VDB to write
     #[arg(long, short, value_name = "OUT.vdb")]
     output: PathBuf,
     #[command(flatten)]
-    region: Region,
+    region: RegionSettings,
     /// Number of views to hold out: these are not fitted, but decide when to stop (default: one of 8 or more)
     #[arg(long, value_name = "K")]
     held_out: Option<usize>,
@@ -59,93 +39,24 @@ pub struct Color {
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
-    pub(in crate::cli) memory: Memory,
+    memory: Memory,
 }
 
-impl Color {
-    /// Paths that the command reads.
-    pub(super) fn inputs(&self) -> Vec<&Path> {
-        vec![&self.capture]
-    }
-
-    /// Reads, reconstructs, writes and reports.
-    ///
-    /// # Errors
-    /// If the pictures cannot be read or used, or the outputs cannot be written.
-    pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let task = report::begin(&self.output, Content::Vdb, self.report.as_deref(), (self.memory, output))?;
-        let limits = task.limits;
-        let input = LoadedCapture::load(&self.capture, limits)?;
-        if input.capture.model == Model::Absorption {
-            return Err(Error::unsupported("the pictures show absorption alone, which has no colors of its own")
-                .at(&input.json)
-                .hint("use `cumulo reconstruct density`, or state \"model\": \"emission-absorption\""));
-        }
-        input.suits_alpha(limits)?;
-        let views = input.capture.frames.len();
-        let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
-
-        let mut work =
-            VolumeTask::new(task, input, (&self.output, self.report.as_deref()), self.layer.as_deref(), output);
-        if work.input.capture.model == Model::Scattering {
-            output.note(
-                "the pictures show scattered light: the volume emits what these lights made of it, the same in all \
-                 directions",
-            );
-        }
-        let pixels = work.input.capture.pixels();
-        work.forecast(&self.region, Channels::Alpha, |observation, placed| {
-            let request = self.request(&work, placed, held_out.clone());
-            let steps = color::most_iterations(observation, &request);
-            Ok(Cost::new(Method::Color, &placed.survey, &request, pixels, steps))
-        })?;
-        let pictures = work.read(Emission::Sought, Channels::Alpha, true, |photo| photo)?;
-        let measurements = work.measure(&self.region, pictures)?;
-        let request = self.request(&work, &measurements.unknowns.placed, held_out);
-        let previous = self.resume && self.output.exists();
-        let read = || shaded::read(&File::open(&self.output, limits)?, None, limits.max_memory);
-        let init = previous.then(|| protected::unprotected(&self.output, read));
-        let init = init.transpose()?;
-        let steps = color::most_iterations(&measurements.pictures.observation, &request);
-        work.plan(&measurements, &request, Method::Color, steps)?;
-
-        let Pictures { photos, excerpts, observation } = measurements.pictures;
-        let outcome =
-            work.solve("color", steps, |watch| color::reconstruct(&photos, &observation, &request, init, watch));
-        let Shaded { volume, history, stages, train_psnr_db, held_out_psnr_db, voxels, stopped } =
-            match cancel::ended(outcome.map_err(|e| e.at(&work.input.json)))? {
-                Ok(outcome) => outcome,
-                Err(code) => return Ok(code),
-            };
-        work.solved(stages);
-        drop((photos, observation));
-        let mut solved = Solved { history, train_psnr_db, held_out_psnr_db, unknowns: voxels, stopped };
-        let fit = Fit { excerpts: &excerpts, request: &request, train_psnr_db };
-        let confidence = work.confidence(&mut solved, |tick| Ok(confidence::of_pre_shaded(&volume, fit, tick)))?;
-
-        let confidence: Vec<&Grid> = confidence.iter().collect();
-        work.write(|metadata| shaded::write(&self.output, &volume, &confidence, metadata))?;
-        let voxel_size = volume.transform.voxel_size().to_array();
-        work.finish(Solver::Color, shaded::EXTINCTION.into(), voxel_size, solved, request.held_out)
-    }
-
-    fn request(&self, work: &VolumeTask<'_>, placed: &Placed, held_out: Vec<usize>) -> Request {
-        let (task, capture) = (&work.task, &work.input.capture);
-        Request {
-            lattice: placed.lattice,
-            bounds: placed.bounds,
-            medium: Medium::absorbing(1.0),
-            background: capture.background,
-            rays_per_edge: run::rays_per_edge(capture.pixel_filter),
-            smoothing: self.smoothing,
-            prior: None,
-            robust: true,
-            held_out,
-            iterations: self.iterations,
-            init: None,
-            max_memory: task.limits.max_memory,
-            cancel: task.stop(),
-            closing: task.closing(),
+impl From<ColorArgs> for ColorSettings {
+    fn from(args: ColorArgs) -> Self {
+        Self {
+            capture: args.capture,
+            output: args.output,
+            region: args.region,
+            held_out: args.held_out,
+            iterations: args.iterations,
+            smoothing: args.smoothing,
+            layer: args.layer,
+            report: args.report,
+            resume: args.resume,
+            limits: args.memory.limits(),
         }
     }
 }
+
+read_as!(ColorSettings, ColorArgs);

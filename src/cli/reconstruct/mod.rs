@@ -1,19 +1,16 @@
 //! `cumulo reconstruct`: volumes and transfer functions from pictures.
 
-mod capture;
 mod color;
-mod confidence;
 mod density;
-mod forecast;
-mod refinement;
-mod region;
-mod stages;
 mod tf;
-mod volume;
 
-use super::memory::Memory;
+use super::cancel;
 use super::output::Output;
+use crate::app::reconstruct::{ColorSettings, DensitySettings, TransferFunctionSettings};
 use crate::error::Result;
+use crate::formats::limits::Limits;
+use serde::Serialize;
+use std::fmt::Display;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -22,43 +19,48 @@ use std::process::ExitCode;
 pub enum Reconstruct {
     /// Density from absorption or emission-absorption pictures.
     #[command(name = "density")]
-    Density(Box<density::Density>),
+    Density(Box<DensitySettings>),
     /// Pre-shaded volume: extinctions, and emissions in R, G and B.
     #[command(name = "color", alias = "colour")]
-    Color(Box<color::Color>),
+    Color(Box<ColorSettings>),
     /// Transfer function of a known volume.
     #[command(name = "tf")]
-    Tf(Box<tf::Tf>),
+    Tf(Box<TransferFunctionSettings>),
 }
 
 impl Reconstruct {
     /// Paths that the command reads.
-    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+    pub(super) fn inputs(&self) -> Vec<&Path> {
         match self {
-            Self::Density(c) => c.inputs(),
-            Self::Color(c) => c.inputs(),
-            Self::Tf(c) => c.inputs(),
+            Self::Density(s) => s.inputs(),
+            Self::Color(s) => s.inputs(),
+            Self::Tf(s) => s.inputs(),
         }
     }
 
-    /// Returns the `--max-memory` of the chosen reconstruction.
-    pub(super) fn memory(&self) -> Memory {
+    /// Limits of the chosen reconstruction.
+    pub(super) fn limits(&self) -> Limits {
         match self {
-            Self::Density(c) => c.memory,
-            Self::Color(c) => c.memory,
-            Self::Tf(c) => c.memory,
+            Self::Density(s) => s.limits,
+            Self::Color(s) => s.limits,
+            Self::Tf(s) => s.limits,
         }
     }
 
-    /// Runs the chosen reconstruction.
+    /// Reconstructs and reports.
     ///
     /// # Errors
     /// Those of the chosen reconstruction.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         match self {
-            Self::Density(c) => c.run(output),
-            Self::Color(c) => c.run(output),
-            Self::Tf(c) => c.run(output),
+            Self::Density(s) => s.run(output).and_then(|run| tell(output, &run, run.stopped)),
+            Self::Color(s) => s.run(output).and_then(|run| tell(output, &run, run.stopped)),
+            Self::Tf(s) => s.run(output).and_then(|run| tell(output, &run, run.stopped)),
         }
     }
+}
+
+fn tell(output: &Output, report: &(impl Serialize + Display), stopped: bool) -> Result<ExitCode> {
+    output.report(report)?;
+    Ok(cancel::exit_code(stopped))
 }

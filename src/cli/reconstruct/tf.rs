@@ -1,45 +1,19 @@
 //! `cumulo reconstruct tf`: the transfer function that a known volume was rendered with.
 
-use super::capture::LoadedCapture;
-use super::stages::StageClock;
-use crate::app::checks::excerpt::Excerpt;
-use crate::app::checks::residuals::{self, Residuals};
-use crate::app::checks::{Emission, Warning};
-use crate::app::outputs::Content;
-use crate::app::task::{Captured, Task};
-use crate::app::{photos, run};
-use crate::cancel::Cancel;
+use crate::app::reconstruct::TransferFunctionSettings;
+use crate::app::reconstruct::transfer::Choice;
+use crate::cli::args::read_as;
 use crate::cli::memory::Memory;
-use crate::cli::output::Output;
-use crate::cli::report::transfer::{self as transfer_page, TransferRun, View};
-use crate::cli::{cancel, parse, report};
-use crate::error::{Error, Result};
-use crate::formats::limits::Limits;
-use crate::formats::protected;
-use crate::formats::transfer::{self, Options};
-use crate::inverse::cost::Cost;
-use crate::inverse::observation::photo::Photo;
-use crate::inverse::progress::Stage;
-use crate::inverse::transfer::reconstruct::reconstruct;
-use crate::inverse::transfer::{Outcome, Request, Solver};
-use crate::metrics::error::unit_psnr_db;
-use crate::render::dvr::Dvr;
+use crate::cli::parse;
 use crate::render::quadrature::{Quadrature, rules};
-use crate::scene::bricks::Bricks;
-use crate::scene::capture::{Capture, Model};
-use crate::scene::medium::{Medium, Source};
-use crate::scene::transfer::Transfer;
-use std::path::{Path, PathBuf};
-use std::process::ExitCode;
-use std::sync::Arc;
-use std::time::Instant;
+use std::path::PathBuf;
 
 /// Reconstruct the transfer function of a known volume from pictures of it
 ///
 /// The pictures' density scale is divided out. How smooth the function is, the held-out view decides, unless --smooth
 /// says so. Ctrl-C writes what is there (exit code 130); --resume goes on from it.
 #[derive(Debug, clap::Args)]
-pub struct Tf {
+struct TransferFunctionArgs {
     /// transforms.json of the pictures, a model of COLMAP, or the folder of either
     capture: PathBuf,
     /// The volume in the pictures
@@ -98,219 +72,31 @@ pub struct Tf {
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     #[command(flatten)]
-    pub(in crate::cli) memory: Memory,
+    memory: Memory,
 }
 
-/// `--solver`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Choice {
-    Auto,
-    /// Adam as in Weiss & Westermann (2021); colors lie between 0 and 1
-    #[value(name = "weiss2021", alias = "paper")]
-    Weiss2021,
-}
-
-impl Tf {
-    /// Paths that the command reads.
-    pub(super) fn inputs(&self) -> Vec<&Path> {
-        [&self.capture, &self.volume].into_iter().chain(&self.init).map(PathBuf::as_path).collect()
-    }
-
-    /// Reads, reconstructs, writes and reports.
-    ///
-    /// # Errors
-    /// If the pictures or the volume cannot be read or used, or the outputs cannot be written.
-    pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut task =
-            report::begin(&self.output, Content::TransferFunction, self.report.as_deref(), (self.memory, output))?;
-        let limits = task.limits;
-        let mut clock = StageClock::start();
-        let LoadedCapture { json, capture, .. } = self.input(limits)?;
-        let held_out = photos::held_out(self.held_out, capture.frames.len(), 3).map_err(|e| e.at(&json))?;
-        let captured =
-            Captured { json: &json, capture: &capture, emission: Emission::Sought, layer: self.layer.as_deref() };
-        let (photos, mut warnings) = task.pictures(captured, photos::WHOLE, |photo| photo)?;
-        let field = self.field(&mut task, output)?;
-        let request = self.request(&capture, &field, held_out, &task)?;
-        let expected = cost(&request, &field, &photos);
-        expected.fits(limits.max_memory).map_err(|e| e.at(&json))?;
-        output.note(format!("expected: {expected}"));
-        task.work_begins();
-        clock.end("read");
-
-        let outcome = match cancel::ended(solve(&field, &photos, &request, &task, output).map_err(|e| e.at(&json)))? {
-            Ok(outcome) => outcome,
-            Err(code) => return Ok(code),
-        };
-        if !outcome.stopped {
-            warnings.extend(residual_warnings(&outcome, &field, &photos, &request)?);
+impl From<TransferFunctionArgs> for TransferFunctionSettings {
+    fn from(args: TransferFunctionArgs) -> Self {
+        Self {
+            capture: args.capture,
+            volume: args.volume,
+            output: args.output,
+            texels: args.texels,
+            domain: args.domain,
+            solver: args.solver,
+            smooth: args.smooth,
+            held_out: args.held_out,
+            rays: args.rays,
+            iterations: args.iterations,
+            quadrature: args.quadrature,
+            init: args.init,
+            resume: args.resume,
+            grid: args.grid,
+            layer: args.layer,
+            report: args.report,
+            limits: args.memory.limits(),
         }
-        clock.append(outcome.stages);
-        self.write(&outcome.transfer, &mut task)?;
-        let views = photos.len();
-        let mut run = TransferRun {
-            capture: json,
-            volume: self.volume.clone(),
-            grid: self.grid.clone(),
-            output: self.output.clone(),
-            solver: request.solver,
-            layer: self.layer.clone(),
-            texels: self.texels,
-            domain: request.domain,
-            smooth: outcome.smooth,
-            iterations: outcome.history.len(),
-            seconds: task.provenance.seconds,
-            train_rms: outcome.history.last().map(|s| s.rms),
-            views,
-            shown: photos::shown(views, &request.held_out),
-            held_out: request.held_out,
-            held_out_psnr_db: None,
-            held_out_ssim: None,
-            quadrature: request.quadrature,
-            peak_memory_mb: run::peak_memory_mb(),
-            stopped: outcome.stopped,
-            expected: Some(expected),
-            warnings,
-            report: None,
-            confidence: outcome.confidence,
-            stages: clock.into_stages(),
-            history: outcome.history,
-            provenance: task.provenance.clone(),
-        };
-        drop((photos, field));
-        {
-            let _stage = output.stage("views");
-            self.compare_views(&mut run, limits, task.closing())?;
-        }
-        output.report(&run)?;
-        Ok(cancel::exit_code(run.stopped, output))
-    }
-
-    /// Loads the capture, and refuses pictures without colors.
-    fn input(&self, limits: Limits) -> Result<LoadedCapture> {
-        let input = LoadedCapture::load(&self.capture, limits)?;
-        if input.capture.model == Model::Absorption {
-            return Err(Error::unsupported("the pictures show absorption alone, which has no colors")
-                .at(&input.json)
-                .hint(
-                    "a transfer function needs pictures of emission and absorption: \"model\": \"emission-absorption\"",
-                ));
-        }
-        input.suits_function()?;
-        Ok(input)
-    }
-
-    /// Reads the volume in the pictures.
-    fn field(&self, task: &mut Task, output: &Output) -> Result<Bricks<f32>> {
-        let field = {
-            let _stage = output.stage("reading the volume");
-            transfer_page::field(&self.volume, self.grid.as_deref(), task.limits)?
-        };
-        task.provenance.input(&self.volume, [self.volume.as_path()])?;
-        Ok(field)
-    }
-
-    /// Writes the transfer function with its provenance.
-    fn write(&self, transfer: &Transfer, task: &mut Task) -> Result<()> {
-        task.provenance.lap();
-        let origin = serde_json::to_value(&task.provenance).map_err(|e| Error::invalid(e.to_string()))?;
-        transfer::save(&self.output, transfer, None, Some(&origin))
-    }
-
-    /// Compares renders with the held-out views, and writes the page if `--report` requests one.
-    fn compare_views(&self, run: &mut TransferRun, limits: Limits, closing: Cancel) -> Result<()> {
-        let begun = Instant::now();
-        let mut which = run.held_out.clone();
-        if self.report.is_some() {
-            which.extend(run.shown.iter().filter(|i| !run.held_out.contains(i)));
-        }
-        let mut views = transfer_page::views(run, &which, limits, None, closing)?;
-        let of_held_out = |value: fn(&View) -> f64| {
-            let values: Vec<f64> = views.iter().filter(|v| v.row.held_out).map(value).collect();
-            (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-        };
-        run.held_out_psnr_db = of_held_out(|v| v.square).map(unit_psnr_db);
-        run.held_out_ssim = of_held_out(|v| v.ssim);
-        let train_psnr_db = run.train_rms.map_or(f64::NAN, |rms| unit_psnr_db(rms * rms));
-        if !run.stopped {
-            run.warnings.extend(residuals::held_out(train_psnr_db, run.held_out_psnr_db));
-            run.warnings.extend(residuals::unexplained(train_psnr_db));
-        }
-        run.stages.push(Stage { name: "views".into(), seconds: begun.elapsed().as_secs_f64() });
-        if let Some(dir) = &self.report {
-            let place = |view: &View| run.shown.iter().position(|i| *i == view.number);
-            views.retain(|view| place(view).is_some());
-            views.sort_by_key(place);
-            run.report = Some(report::write_transfer(dir, run, views)?);
-        }
-        Ok(())
-    }
-
-    fn request(&self, capture: &Capture, field: &Bricks<f32>, held_out: Vec<usize>, task: &Task) -> Result<Request> {
-        let previous = (self.resume && self.output.exists()).then_some(&self.output);
-        let load = |path: &PathBuf| {
-            let loaded = protected::unprotected(path, || transfer::load(path, &Options::default()));
-            loaded.map(|loaded| loaded.transfer)
-        };
-        let (solver, usual) = match self.solver {
-            Choice::Auto => (Solver::Newton, 14),
-            Choice::Weiss2021 => (Solver::Weiss2021, 200),
-        };
-        let request = Request {
-            solver,
-            extinction: capture.density_scale,
-            background: capture.background,
-            quadrature: self.quadrature,
-            domain: self.domain.unwrap_or([0.0, f64::from(field.range().1)]),
-            texels: self.texels as usize,
-            smooth: self.smooth,
-            held_out,
-            rays: self.rays as usize,
-            rays_per_edge: run::rays_per_edge(capture.pixel_filter),
-            iterations: self.iterations.unwrap_or(usual),
-            init: self.init.as_ref().or(previous).map(load).transpose()?,
-            cancel: task.stop(),
-        };
-        Ok(request)
     }
 }
 
-fn solve(field: &Bricks<f32>, photos: &[Photo], request: &Request, task: &Task, output: &Output) -> Result<Outcome> {
-    let bar = output.steps(u64::from(request.most_steps()), "transfer function");
-    let outcome = reconstruct(field, photos, request, |step| {
-        let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
-        bar.reach(step.iteration.into(), format!("smoothness {:.0e}, rms {:.2e}{psnr}", step.smooth, step.rms));
-        task.flow()
-    });
-    drop(bar);
-    outcome
-}
-
-/// Returns the warnings of the residuals between pictures and renders with the reconstructed function.
-fn residual_warnings(
-    outcome: &Outcome,
-    field: &Bricks<f32>,
-    photos: &[Photo],
-    request: &Request,
-) -> Result<Vec<Warning>> {
-    let source = Source::Transfer(Arc::new(outcome.transfer.table()?));
-    let dvr = Dvr::new(field, Medium::new(request.extinction, source))?
-        .quadrature(request.quadrature)
-        .over(request.background);
-    let excerpts = Excerpt::all(photos);
-    let residuals = Residuals::new(&dvr, &excerpts, &request.held_out, request.rays_per_edge, request.cancel);
-    Ok(residuals.map(|r| r.warnings()).unwrap_or_default())
-}
-
-/// Estimates the cost of the search; the volume is in memory already.
-fn cost(request: &Request, field: &Bricks<f32>, photos: &[Photo]) -> Cost {
-    let pixels: usize = photos.iter().map(|p| p.film.rgba.len()).sum();
-    let edge = (field.values.len() as f64).cbrt();
-    Cost::of_function(
-        request.texels,
-        field.values.len(),
-        pixels,
-        (request.rays * request.rays_per_edge.pow(2)) as f64 * edge,
-        request.most_steps(),
-    )
-}
+read_as!(TransferFunctionSettings, TransferFunctionArgs);

@@ -10,6 +10,8 @@ use crate::scene::neighbours::Neighbours;
 use crate::scene::table::Rgbs;
 use crate::scene::transfer::Transfer;
 use rayon::prelude::*;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
 use std::str::FromStr;
 
@@ -153,12 +155,18 @@ impl TransferPrior {
     }
 }
 
-impl VolumePrior {
-    const NAMES: [(&str, Self); 2] = [("smooth", Self::Smooth), ("tv", Self::TotalVariation)];
+/// Priors that texts name.
+pub trait Named: Copy + PartialEq + 'static {
+    /// Name of each prior.
+    const NAMES: &'static [(&'static str, Self)];
 }
 
-impl Prior {
-    const NAMES: [(&str, Self); 4] = [
+impl Named for VolumePrior {
+    const NAMES: &'static [(&'static str, Self)] = &[("smooth", Self::Smooth), ("tv", Self::TotalVariation)];
+}
+
+impl Named for Prior {
+    const NAMES: &'static [(&'static str, Self)] = &[
         ("smooth", Self::Volume(VolumePrior::Smooth)),
         ("tv", Self::Volume(VolumePrior::TotalVariation)),
         ("tf", Self::Transfer(TransferPrior::Smooth)),
@@ -166,38 +174,38 @@ impl Prior {
     ];
 }
 
-impl FromStr for Weighted<VolumePrior> {
+impl<P: Named> FromStr for Weighted<P> {
     type Err = Error;
 
+    /// Parses `NAME=WEIGHT`.
     fn from_str(text: &str) -> Result<Self> {
-        weighted(text, &VolumePrior::NAMES)
+        let (name, weight) = text.split_once('=').unwrap_or((text, ""));
+        let prior = P::NAMES.iter().find(|(own, _)| *own == name).map(|(_, prior)| *prior);
+        let weight = weight.parse::<f64>().ok().filter(|w| w.is_finite() && *w >= 0.0);
+        prior.zip(weight).map(|(prior, weight)| Self { prior, weight }).ok_or_else(|| {
+            let names: Vec<String> = P::NAMES.iter().map(|(name, _)| format!("{name}=WEIGHT")).collect();
+            Error::invalid(format!("prior '{text}': expected {}, such as smooth=0.5", names.join(", ")))
+        })
     }
 }
 
-impl FromStr for Weighted<Prior> {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        weighted(text, &Prior::NAMES)
-    }
-}
-
-impl fmt::Display for Weighted<Prior> {
+impl<P: Named> fmt::Display for Weighted<P> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = Prior::NAMES.iter().find(|(_, prior)| *prior == self.prior).map_or("", |(name, _)| name);
+        let name = P::NAMES.iter().find(|(_, prior)| *prior == self.prior).map_or("", |(name, _)| name);
         write!(f, "{name}={}", self.weight)
     }
 }
 
-/// Parses `NAME=WEIGHT`.
-fn weighted<P: Copy>(text: &str, names: &[(&str, P)]) -> Result<Weighted<P>> {
-    let (name, weight) = text.split_once('=').unwrap_or((text, ""));
-    let prior = names.iter().find(|(own, _)| *own == name).map(|(_, prior)| *prior);
-    let weight = weight.parse::<f64>().ok().filter(|w| w.is_finite() && *w >= 0.0);
-    prior.zip(weight).map(|(prior, weight)| Weighted { prior, weight }).ok_or_else(|| {
-        let names: Vec<String> = names.iter().map(|(name, _)| format!("{name}=WEIGHT")).collect();
-        Error::invalid(format!("prior '{text}': expected {}, such as smooth=0.5", names.join(", ")))
-    })
+impl<P: Named> Serialize for Weighted<P> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de, P: Named> Deserialize<'de> for Weighted<P> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(D::Error::custom)
+    }
 }
 
 #[cfg(test)]

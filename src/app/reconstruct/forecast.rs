@@ -1,9 +1,8 @@
 //! What a reconstruction costs, told by a few of its pictures before all are read.
 
-use super::region::{Placed, Region};
+use super::region::{Placed, RegionSettings};
 use crate::app::checks::Warning;
-use crate::app::photos;
-use crate::cli::output::Output;
+use crate::app::{Context, photos};
 use crate::differentiate::gradient::pictures::Target;
 use crate::error::Result;
 use crate::formats::limits::Limits;
@@ -40,16 +39,16 @@ pub(super) struct Forecast<'c> {
 }
 
 impl Forecast<'_> {
-    /// Prints what the reconstruction will cost, by `cost` of the unknowns and of a few observed pictures, and warns
+    /// Tells what the reconstruction will cost, by `cost` of the unknowns and of a few observed pictures, and warns
     /// if that may not fit in memory. Captures that are read in a moment have no forecast, and neither have those of
     /// which a few pictures bound no region.
     ///
     /// # Errors
     /// If a picture cannot be read.
-    pub fn print(
+    pub fn tell(
         self,
-        region: &Region,
-        output: &Output,
+        region: &RegionSettings,
+        context: &Context,
         cost: impl FnOnce(&Observation, &Placed) -> Result<Cost>,
     ) -> Result<()> {
         let count = self.capture.frames.len();
@@ -64,13 +63,13 @@ impl Forecast<'_> {
         let placed = observed.and_then(|observed| Ok((region.place(self.capture, &observed)?, observed)));
         let Ok((placed, observed)) = placed else { return Ok(()) };
         let cost = cost(&observed, &placed)?;
-        output.note(format!(
+        context.note(format!(
             "expected by {FEW} of the {count} pictures: {cost}, and {reading:.0} s to read the pictures"
         ));
         if let Err(error) = cost.fits(self.limits.max_memory) {
             let allowed = human(self.limits.max_memory);
             let what = format!("that may not fit in memory, of which {allowed} are allowed");
-            output.warn(&[Warning::new(what, error.remedy().unwrap_or_default())]);
+            context.warn(&[Warning::new(what, error.remedy().unwrap_or_default())]);
         }
         Ok(())
     }

@@ -1,11 +1,10 @@
-//! `--refine-cameras`: cameras that are found together with the volume.
+//! Cameras that are found together with the volume.
 
-use super::region::{Placed, Region};
+use super::region::{Placed, RegionSettings};
 use super::volume::{Pictures, VolumeTask};
 use crate::app::checks::Warning;
-use crate::app::outputs::{self, Content};
+use crate::app::outputs::{self, Content, RECORD};
 use crate::app::run::{CameraMotion, RefinedCameras};
-use crate::cli::report::RECORD;
 use crate::error::{Error, Result};
 use crate::formats::transforms;
 use crate::inverse::cost::{Cost, Method};
@@ -14,34 +13,29 @@ use crate::inverse::observation::Observation;
 use crate::inverse::refinement;
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Options for cameras that are only nearly known.
-#[derive(Debug, clap::Args)]
-pub(super) struct RefineCameras {
-    /// Move the cameras to where all pictures agree on one volume: their positions and rotations, with focal a factor
-    /// of the focal length, too, that all share. The scene as a whole stays where the given cameras have it
-    #[arg(
-        long,
-        value_enum,
-        value_name = "WHAT",
-        num_args = 0..=1,
-        require_equals = true,
-        default_missing_value = "pose",
-        conflicts_with_all = ["resume", "init"]
-    )]
-    refine_cameras: Option<Free>,
-    /// Capture (JSON) to write with the refined cameras, and the same pictures (default: OUT.cameras.json)
-    #[arg(long, value_name = "OUT.json", requires = "refine_cameras")]
-    cameras: Option<PathBuf>,
+/// Settings of cameras that are only nearly known.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct RefinementSettings {
+    /// What is moved to where all pictures agree on one volume; none for cameras that stay. The scene as a whole stays
+    /// where the given cameras have it.
+    pub refine_cameras: Option<Refined>,
+    /// Capture (JSON) to write with the refined cameras, and the same pictures; none for the output's name with the
+    /// ending cameras.json.
+    #[serde(with = "crate::app::paths")]
+    pub cameras: Option<PathBuf>,
 }
 
-/// `--refine-cameras`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Free {
-    /// Position and rotation of each camera
+/// Parameters of cameras that are refined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Refined {
+    /// Position and rotation of each camera.
     Pose,
-    /// These, and a factor of the focal length that all cameras share
+    /// These, and a factor of the focal length that all cameras share.
     Focal,
 }
 
@@ -49,21 +43,21 @@ enum Free {
 const FAR: f64 = 1.0;
 const MANY: f64 = 4.0;
 
-impl RefineCameras {
+impl RefinementSettings {
     /// Returns the path of the refined cameras, if they are to be refined, and checks that they can be written there;
     /// `volume` is the path of the volume.
     ///
     /// # Errors
     /// If the name or the folder does not suit a capture, the file is the report's record, or the pictures' paths
     /// cannot be stated in it.
-    pub fn output(&self, volume: &Path, report: Option<&Path>, capture: &Capture) -> Result<Option<PathBuf>> {
+    pub(super) fn output(&self, volume: &Path, report: Option<&Path>, capture: &Capture) -> Result<Option<PathBuf>> {
         if self.refine_cameras.is_none() {
             return Ok(None);
         }
         let path = self.cameras.clone().unwrap_or_else(|| volume.with_extension("cameras.json"));
         outputs::file(&path, Content::Capture)?;
         if report.is_some_and(|folder| path == folder.join(RECORD)) {
-            return Err(Error::invalid("--report writes this file, too").at(&path).hint("give --cameras another name"));
+            return Err(Error::invalid("⟨report⟩ writes this file, too").at(&path).hint("give ⟨cameras⟩ another name"));
         }
         transforms::check_names(&path, capture)?;
         Ok(Some(path))
@@ -74,24 +68,24 @@ impl RefineCameras {
     ///
     /// # Errors
     /// Those of [`refinement::refine`], and those of the region.
-    pub fn refine(
+    pub(super) fn refine(
         &self,
         work: &mut VolumeTask<'_>,
         path: PathBuf,
-        region: &Region,
+        region: &RegionSettings,
         Pictures { photos, excerpts, observation }: &mut Pictures,
         request: impl FnOnce(&VolumeTask<'_>, &Observation, &Placed) -> Result<Request>,
     ) -> Result<()> {
-        let (json, output) = (work.input.json.clone(), work.output);
+        let (json, context) = (work.input.json.clone(), work.task.context.clone());
         let silhouettes = observation.widen_silhouettes();
-        let unknowns = region.choose(&work.input.capture, observation, output).map_err(|e| e.at(&json))?;
+        let unknowns = region.choose(&work.input.capture, observation, &context).map_err(|e| e.at(&json))?;
         let request = request(work, observation, &unknowns.placed)?;
-        let (focal, pixels) = (self.refine_cameras == Some(Free::Focal), work.input.capture.pixels());
+        let (focal, pixels) = (self.refine_cameras == Some(Refined::Focal), work.input.capture.pixels());
         let mut cost = Cost::new(Method::Cg, &unknowns.placed.survey, &request, pixels, 0);
         cost.memory_mb += COPIES * pixels as f64 / f64::from(1 << 20);
         cost.fits(request.max_memory).map_err(|e| e.at(&json))?;
 
-        let bar = output.steps(refinement::most_rounds(&request), "cameras");
+        let bar = context.steps(refinement::most_rounds(&request), "cameras");
         let refined = refinement::refine(observation, &request, focal, |round| {
             bar.inc(1);
             bar.message(format!("level {}, moved by {:.3} pixels", round.level, round.pixels));
@@ -113,7 +107,7 @@ impl RefineCameras {
         };
         let motions: Vec<CameraMotion> = names.zip(&given).zip(&cameras).map(motion).collect();
         let warnings = far(&motions);
-        output.warn(&warnings);
+        context.warn(&warnings);
         let factor = given.first().zip(cameras.first()).map(|(a, b)| b.focal.x / a.focal.x);
         work.refined(RefinedCameras { capture: path, focal_factor: factor.filter(|_| focal), motions }, warnings);
         for (i, camera) in cameras.into_iter().enumerate() {

@@ -1,6 +1,6 @@
 //! The page of a search for viewpoints.
 
-use super::Report;
+use super::ViewpointReport;
 use crate::app::provenance::Provenance;
 use crate::error::Result;
 use crate::inverse::viewpoint::Outcome;
@@ -12,7 +12,7 @@ use std::path::Path;
 /// Makes the page of a search: best view, entropies and paths over the sphere, and a table of the starts.
 pub fn page(
     input: &Path,
-    report: &Report,
+    report: &ViewpointReport,
     outcome: &Outcome,
     samples: &[(DVec3, f64)],
     best: Option<Film>,

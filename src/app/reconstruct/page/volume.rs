@@ -28,7 +28,7 @@ use std::sync::atomic::AtomicBool;
 
 /// Error of a reconstructed volume against a reference.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
-pub(super) struct VolumeError {
+pub struct VolumeError {
     /// PSNR in dB with the reference's largest value as peak; none if the volumes are identical or the reference
     /// is zero.
     psnr_db: Option<f64>,
@@ -46,7 +46,10 @@ pub(super) struct VolumeError {
 
 /// Makes the page of a volume: figures, views beside re-renders, slices, convergence, times, provenance. With a
 /// reference its error is returned, too.
-pub(super) fn page(
+///
+/// # Errors
+/// If the volume or the pictures cannot be read, or a plot cannot be drawn.
+pub fn page(
     run: &Run,
     limits: Limits,
     reference: Option<&Grid>,

@@ -2,7 +2,8 @@
 
 use super::capture::LoadedCapture;
 use super::forecast::Forecast;
-use super::region::{Placed, Region, Unknowns};
+use super::page;
+use super::region::{Placed, RegionSettings, Unknowns};
 use super::stages::StageClock;
 use crate::app::checks::excerpt::Excerpt;
 use crate::app::checks::residuals;
@@ -10,8 +11,6 @@ use crate::app::checks::{Emission, Warning};
 use crate::app::photos;
 use crate::app::run::{self, RefinedCameras, Run, Solver};
 use crate::app::task::{Captured, Task};
-use crate::cli::output::Output;
-use crate::cli::{cancel, report};
 use crate::error::Result;
 use crate::inverse::cost::{Cost, Method};
 use crate::inverse::density::Request;
@@ -23,12 +22,11 @@ use crate::scene::grid::{Grid, MetaValue};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::process::ExitCode;
 
 /// The reconstruction of a volume, from the reading of its pictures to its report.
 #[derive(Debug)]
 pub(super) struct VolumeTask<'t> {
-    /// Limits, interruption and provenance of the command.
+    /// Limits, interruption and provenance of the work.
     pub task: Task,
     /// Folder of the page; none where no page is asked for.
     page: Option<&'t Path>,
@@ -37,7 +35,6 @@ pub(super) struct VolumeTask<'t> {
     /// Path of the VDB to write.
     vdb: &'t Path,
     layer: Option<&'t str>,
-    pub(super) output: &'t Output,
     clock: StageClock,
     warnings: Vec<Warning>,
     expected: Option<Cost>,
@@ -87,7 +84,6 @@ impl<'t> VolumeTask<'t> {
         input: LoadedCapture,
         (vdb, page): (&'t Path, Option<&'t Path>),
         layer: Option<&'t str>,
-        output: &'t Output,
     ) -> Self {
         Self {
             task,
@@ -95,7 +91,6 @@ impl<'t> VolumeTask<'t> {
             input,
             vdb,
             layer,
-            output,
             clock: StageClock::start(),
             warnings: Vec::new(),
             expected: None,
@@ -110,13 +105,13 @@ impl<'t> VolumeTask<'t> {
     /// If a picture cannot be read.
     pub fn forecast(
         &self,
-        region: &Region,
+        region: &RegionSettings,
         channels: Channels,
         cost: impl FnOnce(&Observation, &Placed) -> Result<Cost>,
     ) -> Result<()> {
         let LoadedCapture { json, capture, .. } = &self.input;
         let forecast = Forecast { capture, layer: self.layer, limits: self.task.limits, channels };
-        forecast.print(region, self.output, cost).map_err(|e| e.at(json))
+        forecast.tell(region, &self.task.context, cost).map_err(|e| e.at(json))
     }
 
     /// Reads the pictures, whose `channels` tell the optical depths, and keeps them whole where `whole` says so. The
@@ -163,10 +158,10 @@ impl<'t> VolumeTask<'t> {
     ///
     /// # Errors
     /// If the pictures leave no region for the voxels.
-    pub fn measure(&mut self, region: &Region, pictures: Pictures) -> Result<Measurements> {
+    pub fn measure(&mut self, region: &RegionSettings, pictures: Pictures) -> Result<Measurements> {
         let LoadedCapture { json, capture, .. } = &self.input;
-        let mut unknowns = region.choose(capture, &pictures.observation, self.output).map_err(|e| e.at(json))?;
-        self.output.warn(&unknowns.warnings);
+        let mut unknowns = region.choose(capture, &pictures.observation, &self.task.context).map_err(|e| e.at(json))?;
+        self.task.context.warn(&unknowns.warnings);
         self.warnings.append(&mut unknowns.warnings);
         Ok(Measurements { pictures, unknowns })
     }
@@ -181,7 +176,7 @@ impl<'t> VolumeTask<'t> {
         let expected = Cost::new(method, &measurements.unknowns.placed.survey, request, pixels, steps);
         expected.fits(request.max_memory).map_err(|e| e.at(&self.input.json))?;
         measurements.unknowns.writable(self.vdb)?;
-        self.output.note(format!("expected: {expected}"));
+        self.task.context.note(format!("expected: {expected}"));
         self.task.work_begins();
         self.expected = Some(expected);
         Ok(())
@@ -197,7 +192,7 @@ impl<'t> VolumeTask<'t> {
         steps: u64,
         solver: impl FnOnce(&mut dyn FnMut(&Step) -> ControlFlow<()>) -> Result<T>,
     ) -> Result<T> {
-        let bar = self.output.steps(steps, what);
+        let bar = self.task.context.steps(steps, what);
         let outcome = solver(&mut |step| {
             run::show(&bar, step);
             self.task.flow()
@@ -222,7 +217,7 @@ impl<'t> VolumeTask<'t> {
         measure: impl FnOnce(&dyn Fn(usize, usize)) -> Result<(Vec<Grid>, Vec<Warning>)>,
     ) -> Result<Vec<Grid>> {
         let (grids, mut warnings) = {
-            let stage = self.output.stage("confidence");
+            let stage = self.task.context.stage("confidence");
             measure(&|done, of| stage.at(done, of))?
         };
         warnings.extend(residuals::held_out(solved.train_psnr_db, solved.held_out_psnr_db));
@@ -249,11 +244,11 @@ impl<'t> VolumeTask<'t> {
         Ok(())
     }
 
-    /// Reports the run: `grid` is the name of the written grid, `voxel_size` the edge lengths of its voxels in world
+    /// Returns the report of the run: `grid` is the name of the written grid, `voxel_size` the edge lengths of its voxels in world
     /// units.
     ///
     /// # Errors
-    /// If the page cannot be made or the report not be printed.
+    /// If the page cannot be made.
     pub fn finish(
         self,
         solver: Solver,
@@ -261,11 +256,11 @@ impl<'t> VolumeTask<'t> {
         voxel_size: [f64; 3],
         solved: Solved,
         held_out: Vec<usize>,
-    ) -> Result<ExitCode> {
+    ) -> Result<Run> {
         let views = self.input.capture.frames.len();
         if let Some(refined) = self.refined.as_ref().filter(|_| solved.stopped) {
-            self.output.note(format!(
-                "--resume goes on with {} in place of the capture, and without --refine-cameras",
+            self.task.context.note(format!(
+                "⟨resume⟩ goes on with {} in place of the capture, and without ⟨refine_cameras⟩",
                 refined.capture.display()
             ));
         }
@@ -295,10 +290,10 @@ impl<'t> VolumeTask<'t> {
             provenance: self.task.provenance.clone(),
         };
         if let Some(dir) = self.page {
-            let _stage = self.output.stage("report");
-            run.report = Some(report::write(dir, &run, self.task.limits, self.task.closing())?);
+            let _stage = self.task.context.stage("report");
+            run.report = Some(page::write(dir, &run, self.task.limits, self.task.closing())?);
         }
-        self.output.report(&run)?;
-        Ok(cancel::exit_code(run.stopped, self.output))
+        self.task.tell_stopped(run.stopped);
+        Ok(run)
     }
 }

@@ -1,6 +1,6 @@
 //! The page of a search for cameras.
 
-use super::Report;
+use super::PoseReport;
 use crate::app::provenance::Provenance;
 use crate::cancel::Cancel;
 use crate::differentiate::gradient::pictures::Target;
@@ -15,7 +15,7 @@ use std::sync::atomic::AtomicBool;
 /// Makes the page: how far each camera was moved, and its picture beside a render from where it stands now. Once the
 /// work is to stop, views are left out that are not rendered yet.
 pub fn page(
-    report: &Report,
+    report: &PoseReport,
     solved: &Capture,
     targets: &[Target],
     renderer: &AnyRenderer<'_>,

@@ -54,7 +54,7 @@ impl LoadedCapture {
         )
         .at(&self.json)
         .hint(
-            "render the volume without scattering; of these pictures, `cumulo reconstruct density` without --tf finds \
+            "render the volume without scattering; of these pictures, `cumulo reconstruct density` without ⟨tf⟩ finds \
              the densities by alpha, and `cumulo reconstruct color` the light as emission",
         ))
     }
@@ -73,7 +73,7 @@ impl LoadedCapture {
         )
         .at(&self.json)
         .hint(
-            "render the pictures with one extinction for all channels: without --extinction-color, or with an \
+            "render the pictures with one extinction for all channels: without ⟨extinction_color⟩, or with an \
              'extinction_color' of three equal numbers in the scene file",
         ))
     }

@@ -1,17 +1,14 @@
-//! `cumulo pose`: cameras that agree with their pictures.
+//! Cameras that agree with their pictures.
 
 mod page;
 
-use super::memory::Memory;
-use super::output::Output;
+use super::Context;
 use crate::app::checks::{Emission, Warning};
 use crate::app::outputs::Content;
 use crate::app::photos;
 use crate::app::task::{Captured, Task};
 use crate::app::transfer::TransferSettings;
 use crate::app::{run, volume};
-use crate::cli::cancel;
-use crate::cli::report;
 use crate::differentiate::gradient::pictures::Target;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -22,7 +19,7 @@ use crate::inverse::pose::pyramid::levels;
 use crate::inverse::pose::search::{PoseEstimate, Request, UNEXPLAINED, solve};
 use crate::math::Aabb;
 use crate::render::any_renderer::AnyRenderer;
-use crate::render::quadrature::{Quadrature, rules};
+use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame, Model};
@@ -30,63 +27,71 @@ use crate::scene::scene::Scene;
 use crate::scene::transfer::Transfer;
 use crate::scene::volume::Grids;
 use glam::DVec3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, json};
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use std::time::Instant;
 
-/// Find where cameras stood, from their pictures and the volume in them
+/// Settings of a search for where cameras stood, from their pictures and the volume in them.
 ///
-/// Cameras of the capture are where the search begins: a few degrees and a few percent of the distance off. Position
-/// and rotation of each are moved until what it sees of the volume is its picture. A camera that finds no such place
-/// nearby is named, and stays where it was if the search went far. Where the capture's model is pre-shaded, the volume
-/// needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit code 1); --resume goes on from it.
-#[derive(Debug, clap::Args)]
-pub struct Pose {
-    /// transforms.json of the pictures, a model of COLMAP, or the folder of either
-    capture: PathBuf,
-    /// Volume in the pictures
-    #[arg(long, value_name = "IN.vdb")]
-    volume: PathBuf,
-    /// Capture (JSON) with the new cameras, and the same pictures
-    #[arg(long, short, value_name = "OUT.json")]
-    output: PathBuf,
-    #[command(flatten)]
-    transfer: TransferSettings,
-    /// Find the focal length, too: one factor for all cameras
-    #[arg(long)]
-    solve_focal: bool,
-    /// Steps on each size of pictures that the search goes through, at most
-    #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    iterations: u32,
-    #[arg(
-        long,
-        value_name = "Q",
-        help = concat!(
-            "Integration along rays: ",
-            rules!(),
-            "; by default exact; through functions of more than 32 points preintegrated for the search, and at its end \
-             exact ",
-            "for the pictures compared with",
-        )
-    )]
-    quadrature: Option<Quadrature>,
-    /// Layer of the pictures (default: the beauty)
-    #[arg(long, value_name = "NAME")]
-    layer: Option<String>,
-    /// Grid of the volume (default: density, else the only scalar one)
-    #[arg(long, value_name = "NAME")]
-    grid: Option<String>,
-    /// Write a page that shows how it went
-    #[arg(long, value_name = "DIR")]
-    report: Option<PathBuf>,
-    /// Begin with the cameras of the output, if it is there
-    #[arg(long)]
-    resume: bool,
-    #[command(flatten)]
-    pub(in crate::cli) memory: Memory,
+/// The search begins with the cameras of the capture: a few degrees and a few percent of the distance off. Position and
+/// rotation of each are moved until what it sees of the volume is its picture. A camera that finds no such place nearby
+/// is named, and stays where it was if the search went far. Where the capture's model is pre-shaded, the volume needs a
+/// grid `emission` beside its extinctions.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct PoseSettings {
+    /// transforms.json of the pictures, a model of COLMAP, or the folder of either.
+    #[serde(with = "crate::app::paths")]
+    pub capture: PathBuf,
+    /// VDB of the volume in the pictures.
+    #[serde(with = "crate::app::paths")]
+    pub volume: PathBuf,
+    /// Capture (JSON) to write with the new cameras, and the same pictures.
+    #[serde(with = "crate::app::paths")]
+    pub output: PathBuf,
+    /// Transfer function that the pictures show, in place of the capture's.
+    #[serde(flatten)]
+    pub transfer: TransferSettings,
+    /// Whether to find the focal length, too: one factor for all cameras.
+    pub solve_focal: bool,
+    /// Steps on each size of pictures that the search goes through, at most.
+    pub iterations: u32,
+    /// Integration along rays; none for exact, and through functions of more than 32 points pre-integrated for the
+    /// search and at its end exact for the pictures that are compared with.
+    pub quadrature: Option<Quadrature>,
+    /// Layer of the pictures; none for the beauty.
+    pub layer: Option<String>,
+    /// Grid of the volume; none for density, else the only scalar one.
+    pub grid: Option<String>,
+    /// Folder of a page that shows how it went; none for no page.
+    #[serde(with = "crate::app::paths")]
+    pub report: Option<PathBuf>,
+    /// Whether to begin with the cameras of the output, if it is there.
+    pub resume: bool,
+    /// Memory that the work may take.
+    #[serde(flatten)]
+    pub limits: Limits,
+}
+
+impl Default for PoseSettings {
+    fn default() -> Self {
+        Self {
+            capture: PathBuf::new(),
+            volume: PathBuf::new(),
+            output: PathBuf::new(),
+            transfer: TransferSettings::default(),
+            solve_focal: false,
+            iterations: 40,
+            quadrature: None,
+            layer: None,
+            grid: None,
+            report: None,
+            resume: false,
+            limits: Limits::default(),
+        }
+    }
 }
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
@@ -108,8 +113,9 @@ struct CameraReport {
     note: Option<String>,
 }
 
+/// Report of a search for cameras.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Report {
+pub struct PoseReport {
     #[serde(serialize_with = "crate::app::paths::text")]
     output: PathBuf,
     cameras: Vec<CameraReport>,
@@ -118,17 +124,18 @@ pub(in crate::cli) struct Report {
     /// RMS difference of the colors over all cameras after the search.
     rms_after: f64,
     iterations: u32,
-    /// Focal length divided by that of the capture; none without `--solve-focal`.
+    /// Focal length divided by that of the capture; none without `solve_focal`.
     focal_factor: Option<f64>,
     seconds: f64,
-    stopped: bool,
+    /// True if the search was stopped before its end.
+    pub stopped: bool,
     /// Contradictions between the pictures and the model.
     warnings: Vec<Warning>,
     #[serde(serialize_with = "crate::app::paths::text")]
     report: Option<PathBuf>,
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for PoseReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}: {} camera(s) in {:.2} s", self.output.display(), self.cameras.len(), self.seconds)?;
         writeln!(f, "  rms {:.3e}, before {:.3e}", self.rms_after, self.rms_before)?;
@@ -157,24 +164,24 @@ struct Search {
     seconds: f64,
 }
 
-impl Pose {
-    /// Paths that the command reads.
-    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+impl PoseSettings {
+    /// Paths that the cameras are found from.
+    pub fn inputs(&self) -> Vec<&Path> {
         [&self.capture, &self.volume].into_iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
     }
 
-    /// Reads, solves, writes and reports.
+    /// Reads, solves and writes.
     ///
     /// # Errors
     /// If capture, pictures or volume cannot be read or used, or the outputs cannot be written.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut task = report::begin(&self.output, Content::Capture, self.report.as_deref(), (self.memory, output))?;
+    pub fn run(&self, context: &Context) -> Result<PoseReport> {
+        let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), self.limits, context)?;
         let limits = task.limits;
         let json = captures::file(&self.capture);
         let capture = captures::load_within(&json, limits)?;
         transforms::check_names(&self.output, &capture)?;
         let (grids, shown) = {
-            let _stage = output.stage("reading the volume");
+            let _stage = context.stage("reading the volume");
             self.grids(&capture, limits)?
         };
         let captured =
@@ -190,14 +197,14 @@ impl Pose {
         let scene = Scene::shown_by(&shown, grids).map_err(|e| e.at(&self.volume))?;
         let quadrature = self.quadrature.unwrap_or_else(|| AnyRenderer::usual_quadrature(&scene));
         let renderer = AnyRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.volume))?;
-        let Search { poses, seconds } = self.search(&renderer, &shown, &targets, centre, &task, output)?;
+        let Search { poses, seconds } = self.search(&renderer, &shown, &targets, centre, &task)?;
         let stopped = task.flow().is_break();
         task.provenance.lap();
 
         if !stopped {
             warnings.extend(unexplained(&poses));
         }
-        let mut report = Report { warnings, ..self.summary(&shown, &poses, centre, seconds, stopped) };
+        let mut report = PoseReport { warnings, ..self.summary(&shown, &poses, centre, seconds, stopped) };
         // Notes of what was overridden for this run do not belong into the capture: only its cameras change.
         let mut solved = Capture { transfer: shown.transfer.clone(), model: shown.model, ..capture };
         solved.frames.iter_mut().zip(&poses).for_each(|(frame, pose)| frame.camera = pose.camera);
@@ -205,17 +212,17 @@ impl Pose {
         extra.insert("provenance".into(), json!(task.provenance));
         transforms::save(&self.output, &solved, &extra)?;
         if let Some(dir) = &self.report {
-            let _stage = output.stage("report");
+            let _stage = context.stage("report");
             let page = page::page(&report, &solved, &targets, &renderer, &task.provenance, task.closing())?;
             report.report = Some(page.write(dir)?);
         }
         for camera in &report.cameras {
             if let Some(note) = &camera.note {
-                output.note(format!("{}: {note}", camera.picture));
+                context.note(format!("{}: {note}", camera.picture));
             }
         }
-        output.report(&report)?;
-        Ok(cancel::exit_code(stopped, output))
+        task.tell_stopped(stopped);
+        Ok(report)
     }
 
     /// Combines the pictures with the cameras that the search begins with.
@@ -234,7 +241,6 @@ impl Pose {
         targets: &[Target],
         centre: DVec3,
         task: &Task,
-        output: &Output,
     ) -> Result<Search> {
         let (colors, reference) = match renderer {
             // Pictures are what has no error, until somebody says something else.
@@ -248,7 +254,7 @@ impl Pose {
         let request = Request { colors: &colors, centre, iterations: self.iterations, solve_focal: self.solve_focal };
         let searches = |t: &Target| (levels(&t.camera) + 1 + usize::from(reference.is_some())) as u64;
         task.work_begins();
-        let bar = output.steps(targets.iter().map(searches).sum(), "pose");
+        let bar = task.context.steps(targets.iter().map(searches).sum(), "pose");
         let begun = Instant::now();
         let tick = || bar.inc(1);
         let poses = match renderer {
@@ -271,7 +277,8 @@ impl Pose {
         Ok((Grids::Density(field), shown))
     }
 
-    /// Returns the capture as its pictures are to be understood: with the transfer function of `--tf`, if there is one.
+    /// Returns the capture as its pictures are to be understood: with the transfer function of the settings, if there
+    /// is one.
     fn shown(&self, capture: &Capture, transfer: Option<Transfer>) -> Capture {
         match transfer.filter(|_| self.transfer.tf.is_some()) {
             Some(transfer) => Capture { transfer: Some(transfer), model: Model::EmissionAbsorption, ..capture.clone() },
@@ -281,7 +288,7 @@ impl Pose {
         }
     }
 
-    /// Returns the cameras of an earlier run with the same pictures, with `--resume`.
+    /// Returns the cameras of an earlier run with the same pictures, if the search is to go on from it.
     fn previous(&self, shown: &Capture) -> Result<Option<Vec<Camera>>> {
         if !(self.resume && self.output.exists()) {
             return Ok(None);
@@ -292,9 +299,9 @@ impl Pose {
             a.picture.file_name() == b.picture.file_name() && size(a) == size(b)
         };
         if previous.len() != shown.frames.len() || !previous.iter().zip(&shown.frames).all(same) {
-            return Err(Error::invalid("--resume: these are not the cameras of the capture's pictures")
+            return Err(Error::invalid("⟨resume⟩: these are not the cameras of the capture's pictures")
                 .at(&self.output)
-                .hint("leave --resume out, or give the output of an earlier run with the same capture"));
+                .hint("leave ⟨resume⟩ out, or give the output of an earlier run with the same capture"));
         }
         Ok(Some(previous.into_iter().map(|f| f.camera).collect()))
     }
@@ -305,12 +312,19 @@ impl Pose {
         if outline.is_empty() {
             return Err(Error::invalid("the grid is empty: no picture says anything about a camera")
                 .at(&self.volume)
-                .hint("choose another grid with --grid"));
+                .hint("choose another grid with ⟨grid⟩"));
         }
         Ok(outline.into_iter().fold(Aabb::EMPTY, |b, p| b.including(p)).centre())
     }
 
-    fn summary(&self, capture: &Capture, poses: &[PoseEstimate], centre: DVec3, seconds: f64, stopped: bool) -> Report {
+    fn summary(
+        &self,
+        capture: &Capture,
+        poses: &[PoseEstimate],
+        centre: DVec3,
+        seconds: f64,
+        stopped: bool,
+    ) -> PoseReport {
         let cameras: Vec<CameraReport> = capture
             .frames
             .iter()
@@ -336,7 +350,7 @@ impl Pose {
             (sums.0 / sums.1.max(1) as f64).sqrt()
         };
         let factor = capture.frames.first().zip(poses.first()).map(|(a, b)| b.camera.focal.x / a.camera.focal.x);
-        Report {
+        PoseReport {
             output: self.output.clone(),
             cameras,
             rms_before: mean(0),
@@ -388,7 +402,7 @@ fn unexplained(poses: &[PoseEstimate]) -> Option<Warning> {
                 poses.len(),
                 100.0 * UNEXPLAINED
             ),
-            "check that the volume, --tf, density_scale, model and background are those of the pictures, and that the \
+            "check that the volume, ⟨tf⟩, density_scale, model and background are those of the pictures, and that the \
              search began within a few degrees",
         )
     })

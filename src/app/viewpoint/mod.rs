@@ -1,10 +1,8 @@
-//! `cumulo viewpoint`: the viewpoints from which a volume shows most.
+//! The viewpoints from which a volume shows most.
 
 mod page;
 
-use super::memory::Memory;
-use super::output::Output;
-use super::parse;
+use super::Context;
 use crate::app::outputs::{self, Content};
 use crate::app::pictures::DensityScale;
 use crate::app::provenance::Provenance;
@@ -13,16 +11,14 @@ use crate::app::task::Task;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::{ChosenUp, UpChoice};
 use crate::app::volume;
-use crate::cli::cancel;
-use crate::cli::report;
-use crate::cli::words;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
+use crate::formats::limits::Limits;
 use crate::formats::{exr, protected, transforms};
 use crate::inverse::viewpoint::{self, Outcome, Request};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
-use crate::render::quadrature::{Quadrature, rules};
+use crate::render::quadrature::Quadrature;
 use crate::render::scale;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -34,85 +30,96 @@ use crate::scene::table::Table;
 use crate::scene::transfer::Transfer;
 use crate::scene::up::Up;
 use glam::DVec3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, json};
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-/// Find the viewpoints from which a volume shows most
+/// Settings of a search for the viewpoints from which a volume shows most.
 ///
-/// Cameras stand on a sphere around the volume and face its centre. Those from which the opacity entropy of the
-/// picture is largest are written as a capture, the best first; --pictures renders them, too. Ctrl-C writes what is
-/// there (exit code 130); --resume goes on from it.
-#[derive(Debug, clap::Args)]
-pub struct Viewpoint {
-    /// VDB to look at
-    input: PathBuf,
-    /// Capture (JSON) for the cameras
-    #[arg(long, short, value_name = "OUT.json")]
-    output: PathBuf,
-    /// Render the cameras' pictures into this folder (default: cameras alone)
-    #[arg(long, value_name = "DIR")]
-    pictures: Option<PathBuf>,
-    /// Replace a capture that another command wrote, and pictures in their folder that no earlier run wrote
-    #[arg(long)]
-    overwrite: bool,
+/// Cameras stand on a sphere around the volume and face its centre. Those from which the opacity entropy of the picture
+/// is largest are written as a capture, the best first.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ViewpointSettings {
+    /// VDB to look at.
+    #[serde(with = "crate::app::paths")]
+    pub input: PathBuf,
+    /// Capture (JSON) to write with the cameras.
+    #[serde(with = "crate::app::paths")]
+    pub output: PathBuf,
+    /// Folder of pictures that the cameras see; none for cameras alone.
+    #[serde(with = "crate::app::paths")]
+    pub pictures: Option<PathBuf>,
+    /// Whether to replace a capture that other settings wrote, and pictures in their folder that no earlier run wrote.
+    pub overwrite: bool,
     /// Number of viewpoints to start from: the search begins at the best of each and a dozen about it, on small
-    /// pictures
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    starts: u32,
-    /// Evaluations from each start, at most, for each size of picture that the search goes through
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    iterations: u32,
-    /// Let cameras stand in the upper half of the sphere alone, about the up axis: never below the volume
-    #[arg(long)]
-    hemisphere: bool,
-    /// Number of viewpoints, spread evenly over the sphere, to evaluate as well for comparison
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
-    samples: u32,
-    /// Size of the pictures in pixels
-    #[arg(long, value_name = "WxH", default_value = "256x256", value_parser = parse::size)]
-    size: [u32; 2],
-    /// Angle of view in degrees that holds the volume's bounding sphere: it sets how far away the cameras stand
-    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle)]
-    fov: f64,
-    /// Axis that points upwards, with respect to which cameras stand upright
-    #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto)]
-    up: UpChoice,
-    /// Extinction per world unit at a density of 1; auto makes the 99th percentile of the optical depth 3
-    #[arg(long, value_name = "S|auto", default_value = "1")]
-    density_scale: DensityScale,
-    /// Radiance behind the volume in the pictures, r,g,b (default: white, black with a transfer function)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::color)]
-    background: Option<[f32; 3]>,
-    #[command(flatten)]
-    transfer: TransferSettings,
-    #[arg(
-        long,
-        value_name = "Q",
-        help = concat!(
-            "Integration along rays: ",
-            rules!(),
-            "; by default exact, and preintegrated through functions of more than 32 points",
-        )
-    )]
-    quadrature: Option<Quadrature>,
-    /// Grid to look at (default: density, else the only scalar one)
-    #[arg(long, value_name = "NAME")]
-    grid: Option<String>,
-    /// Start from the viewpoints of the output as well, if it is there
-    #[arg(long)]
-    resume: bool,
-    /// Write a page that shows the search
-    #[arg(long, value_name = "DIR")]
-    report: Option<PathBuf>,
-    #[command(flatten)]
-    pub(in crate::cli) memory: Memory,
+    /// pictures.
+    pub starts: u32,
+    /// Evaluations from each start, at most, for each size of picture that the search goes through.
+    pub iterations: u32,
+    /// Whether cameras stand in the upper half of the sphere alone, about the up axis: never below the volume.
+    pub hemisphere: bool,
+    /// Number of viewpoints, evenly over the sphere, that are evaluated as well for comparison.
+    pub samples: u32,
+    /// Width and height of the pictures in pixels.
+    pub size: [u32; 2],
+    /// Angle of view in degrees that holds the volume's bounding sphere: it sets how far away the cameras stand.
+    pub fov: f64,
+    /// Axis that points upwards, with respect to which cameras stand upright.
+    pub up: UpChoice,
+    /// Extinction per world unit at a density of 1.
+    pub density_scale: DensityScale,
+    /// Radiance behind the volume in the pictures in R, G and B; none for white, black with a transfer function.
+    pub background: Option<[f32; 3]>,
+    /// Transfer function that makes extinctions and colors of densities.
+    #[serde(flatten)]
+    pub transfer: TransferSettings,
+    /// Integration along rays; none for exact, and pre-integrated through functions of more than 32 points.
+    pub quadrature: Option<Quadrature>,
+    /// Grid to look at; none for density, else the only scalar one.
+    pub grid: Option<String>,
+    /// Whether to start from the viewpoints of the output as well, if it is there.
+    pub resume: bool,
+    /// Folder of a page that shows the search; none for no page.
+    #[serde(with = "crate::app::paths")]
+    pub report: Option<PathBuf>,
+    /// Memory that the work may take.
+    #[serde(flatten)]
+    pub limits: Limits,
 }
+
+impl Default for ViewpointSettings {
+    fn default() -> Self {
+        Self {
+            input: PathBuf::new(),
+            output: PathBuf::new(),
+            pictures: None,
+            overwrite: false,
+            starts: 8,
+            iterations: 8,
+            hemisphere: false,
+            samples: 0,
+            size: [256, 256],
+            fov: 40.0,
+            up: UpChoice::Auto,
+            density_scale: DensityScale::Given(1.0),
+            background: None,
+            transfer: TransferSettings::default(),
+            quadrature: None,
+            grid: None,
+            resume: false,
+            report: None,
+            limits: Limits::default(),
+        }
+    }
+}
+
+/// Settings that say how the search is done.
+const MANNER: [&str; 3] = ["overwrite", "resume", "max_memory"];
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Start {
@@ -128,8 +135,9 @@ struct Start {
     view: usize,
 }
 
+/// Report of a search for viewpoints.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Report {
+pub struct ViewpointReport {
     #[serde(serialize_with = "crate::app::paths::text")]
     output: PathBuf,
     /// Folder of the pictures; none if only cameras were asked for.
@@ -142,13 +150,14 @@ pub(in crate::cli) struct Report {
     starts: Vec<Start>,
     /// True if the pictures are blank, so that all viewpoints are alike.
     blank: bool,
-    stopped: bool,
+    /// True if the search was stopped before its end.
+    pub stopped: bool,
     density_scale: f64,
     /// Axis with respect to which the cameras stand upright.
     up: ChosenUp,
     /// Wall time of the search.
     seconds: f64,
-    /// Wall time of the samples; none without `--samples`.
+    /// Wall time of the samples; none without `samples`.
     sampled_seconds: Option<f64>,
     /// Wall time of one picture without derivatives.
     render_seconds: f64,
@@ -158,7 +167,7 @@ pub(in crate::cli) struct Report {
     report: Option<PathBuf>,
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for ViewpointReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}: {} view(s), the best of entropy {:.6}", self.output.display(), self.views, self.entropy)?;
         if let Some(best) = self.sampled_best_entropy {
@@ -179,25 +188,25 @@ impl fmt::Display for Report {
 /// Opacity entropies by direction, and the wall time in seconds that they took.
 type Samples = (Vec<(DVec3, f64)>, f64);
 
-impl Viewpoint {
-    /// Paths that the command reads.
-    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+impl ViewpointSettings {
+    /// Paths that the viewpoints are found from.
+    pub fn inputs(&self) -> Vec<&Path> {
         [&self.input].into_iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
     }
 
-    /// Reads, searches, renders, writes and reports.
+    /// Reads, searches, renders and writes.
     ///
     /// # Errors
     /// If the volume cannot be read or has nothing in it, or the outputs cannot be written.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+    pub fn run(&self, context: &Context) -> Result<ViewpointReport> {
         if let Some(folder) = &self.pictures {
             outputs::folder(folder)?;
             self.spare_other_capture(folder)?;
         }
-        let mut task = report::begin(&self.output, Content::Capture, self.report.as_deref(), (self.memory, output))?;
-        task.provenance = words::provenance("viewpoint", output);
+        let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), self.limits, context)?;
+        task.provenance = Provenance::begin(context).of("viewpoint", self, &MANNER);
         let (limits, cancel) = (task.limits, task.stop().polled());
-        let reading = output.stage("reading the volume");
+        let reading = context.stage("reading the volume");
         let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
         let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
         drop(grid);
@@ -207,9 +216,9 @@ impl Viewpoint {
             task.provenance.input(tf, [tf])?;
         }
         let up = self.up.of(&self.input, limits)?;
-        output.note(&up);
+        context.note(&up);
         let around = Sphere::around(&field.outline(), self.size, self.fov, up.axis)
-            .map_err(|e| e.at(&self.input).hint("choose another grid with --grid"))?;
+            .map_err(|e| e.at(&self.input).hint("choose another grid with ⟨grid⟩"))?;
         let mut request = Request {
             sphere: around,
             starts: self.first_directions(up.axis),
@@ -227,27 +236,27 @@ impl Viewpoint {
         let quadrature = self.quadrature.unwrap_or_else(|| Quadrature::usual(&medium.source));
         let dvr = Dvr::new(&field, medium)?.quadrature(quadrature).over([1.0; 3]);
         task.work_begins();
-        let bar = output.steps(viewpoint::ticks(&request) as u64 + u64::from(self.samples), "viewpoint");
+        let bar = context.steps(viewpoint::ticks(&request) as u64 + u64::from(self.samples), "viewpoint");
         let mut outcome = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
         let samples = self.sample(&dvr, &request, cancel, &|| bar.inc(1));
         drop(bar);
         outcome.stopped = task.flow().is_break();
         let blank = outcome.views.iter().all(|view| view.entropy.blank);
         if blank {
-            output.note(format!(
-                "{}: the pictures are blank, so that all viewpoints are alike; try --density-scale auto, or another \
+            context.note(format!(
+                "{}: the pictures are blank, so that all viewpoints are alike; try ⟨density_scale=auto⟩, or another \
                  transfer function",
                 self.input.display()
             ));
         }
 
         let best = {
-            let _stage = output.stage("pictures");
+            let _stage = context.stage("pictures");
             self.write(&field, &mut capture, &around, &outcome, &mut task)?
         };
         if best.is_none() && self.pictures.is_some() {
-            output.note(format!(
-                "{}: not all pictures are there; `cumulo render {} --cameras {}` makes them",
+            context.note(format!(
+                "{}: not all pictures are there; `cumulo render {} ⟨cameras={}⟩` makes them",
                 self.output.display(),
                 self.input.display(),
                 self.output.display()
@@ -259,11 +268,11 @@ impl Viewpoint {
             let page = page::page(&self.input, &report, &outcome, samples, best, &task.provenance)?;
             report.report = Some(page.write(dir)?);
         }
-        output.report(&report)?;
-        Ok(cancel::exit_code(outcome.stopped, output))
+        task.tell_stopped(outcome.stopped);
+        Ok(report)
     }
 
-    /// Returns the unit vectors to the viewpoints of an earlier run, with `--resume`.
+    /// Returns the unit vectors to the viewpoints of an earlier run, if the search is to go on from it.
     fn previous(&self, around: &Sphere) -> Result<Vec<DVec3>> {
         if !(self.resume && self.output.exists()) {
             return Ok(Vec::new());
@@ -286,7 +295,7 @@ impl Viewpoint {
         if json.exists() && !same(&json, &self.output) {
             return Err(Error::invalid("another capture lies here, and its pictures might be replaced")
                 .at(&json)
-                .hint("give another folder with --pictures"));
+                .hint("give another folder with ⟨pictures⟩"));
         }
         Ok(())
     }
@@ -358,7 +367,7 @@ impl Viewpoint {
         Some((all, begun.elapsed().as_secs_f64()))
     }
 
-    /// Writes the capture, and with `--pictures` its pictures together with it, and returns the best view's picture
+    /// Writes the capture, and where they are asked for its pictures together with it, and returns the best view's picture
     /// where it is rendered. After a search that was stopped, only the pictures rendered within a second are written;
     /// no picture is returned if some are missing.
     fn write(
@@ -414,14 +423,14 @@ impl Viewpoint {
         samples: Option<&Samples>,
         blank: bool,
         (density_scale, up): (f64, ChosenUp),
-    ) -> Report {
+    ) -> ViewpointReport {
         let starts = outcome.paths.iter().map(|path| {
             let view = &outcome.views[path.view];
             let start = path.directions.first().map_or([0.0; 3], DVec3::to_array);
             let (end, entropy) = (view.axes.z_axis.to_array(), view.entropy.value);
             Start { start, end, entropy, iterations: path.iterations, view: path.view }
         });
-        Report {
+        ViewpointReport {
             output: self.output.clone(),
             pictures: self.pictures.clone(),
             views: outcome.views.len(),

@@ -1,8 +1,7 @@
 //! Lattice and bounds of the unknown voxels of a reconstruction.
 
+use crate::app::Context;
 use crate::app::checks::{self, Warning};
-use crate::cli::output::Output;
-use crate::cli::parse;
 use crate::error::{Error, Result};
 use crate::formats::vdb;
 use crate::inverse::observation::Observation;
@@ -10,25 +9,20 @@ use crate::inverse::region::hull::{Hull, Survey};
 use crate::inverse::region::lattice;
 use crate::math::{Aabb, Affine};
 use crate::scene::capture::Capture;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Options for the lattice and the bounds of the unknown voxels.
-#[derive(Debug, clap::Args)]
-pub(super) struct Region {
-    /// Edge of the voxels in world units (default: the capture's lattice, else a pixel's size in the volume)
-    #[arg(long, value_name = "S", value_parser = parse::positive)]
-    voxel_size: Option<f64>,
-    /// Voxels along the longest edge of the region instead
-    #[arg(
-        long,
-        value_name = "N",
-        conflicts_with = "voxel_size",
-        value_parser = clap::value_parser!(u32).range(1..=65_536),
-    )]
-    resolution: Option<u32>,
-    /// Region in world space, x0,y0,z0,x1,y1,z1; auto: where no picture shows that there is nothing
-    #[arg(long, value_name = "auto|BOX", default_value = "auto", allow_hyphen_values = true, value_parser = bounds)]
-    bounds: Bounds,
+/// Settings of the lattice and the bounds of the unknown voxels.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct RegionSettings {
+    /// Edge of the voxels in world units; none for the capture's lattice, else a pixel's size in the volume.
+    pub voxel_size: Option<f64>,
+    /// Number of voxels along the longest edge of the region, 1 to 65536, in place of `voxel_size`.
+    pub resolution: Option<u32>,
+    /// Region in world space, its lowest and its highest corner; none for where no picture shows that there is nothing.
+    pub bounds: Option<[[f64; 3]; 2]>,
 }
 
 /// Number of unknowns per pixel above which a warning is due.
@@ -66,41 +60,35 @@ impl Unknowns {
     pub fn writable(&self, output: &Path) -> Result<()> {
         vdb::writable(&self.placed.lattice).map_err(|e| {
             e.at(output).instead(
-                "scale the scene up: multiply the positions in each 'transform_matrix', the lattice and --voxel-size \
+                "scale the scene up: multiply the positions in each 'transform_matrix', the lattice and ⟨voxel_size⟩ \
                  by a common factor, and divide density_scale by it",
             )
         })
     }
 }
 
-/// `--bounds`.
-#[derive(Debug, Clone, Copy)]
-enum Bounds {
-    Auto,
-    Given(Aabb),
-}
+impl RegionSettings {
+    /// World box that is given for the region.
+    fn given(&self) -> Option<Aabb> {
+        self.bounds.map(|[min, max]| Aabb { min: DVec3::from_array(min), max: DVec3::from_array(max) })
+    }
 
-fn bounds(text: &str) -> Result<Bounds, String> {
-    if text == "auto" { Ok(Bounds::Auto) } else { parse::corners(text).map(Bounds::Given) }
-}
-
-impl Region {
-    /// Chooses the lattice and the world box of the unknowns, from the options or else from the capture and its visual
+    /// Chooses the lattice and the world box of the unknowns, from the settings or else from the capture and its visual
     /// hull.
     ///
     /// # Errors
     /// If the cameras contradict one another or the pictures leave nothing, or the lattice is not usable.
-    pub fn choose(&self, capture: &Capture, observation: &Observation, output: &Output) -> Result<Unknowns> {
-        let _stage = output.stage("visual hull");
-        let mut warnings = match self.bounds {
-            // With --bounds, views may well show only parts of the volume.
-            Bounds::Given(_) => checks::warnings(checks::cameras::cameras(observation)),
-            Bounds::Auto => checks::refuse(checks::cameras::cameras(observation))?,
+    pub(super) fn choose(&self, capture: &Capture, observation: &Observation, context: &Context) -> Result<Unknowns> {
+        let _stage = context.stage("visual hull");
+        // Within bounds that are given, views may well show only parts of the volume.
+        let mut warnings = match self.bounds.is_some() {
+            true => checks::warnings(checks::cameras::cameras(observation)),
+            false => checks::refuse(checks::cameras::cameras(observation))?,
         };
         let placed = self.place(capture, observation)?;
         let Placed { lattice, bounds, survey, note } = &placed;
         if let Some(note) = note {
-            output.note(note);
+            context.note(note);
         }
         if self.voxel_size.is_none() && self.resolution.is_none() && capture.lattice.is_some() && survey.longest < 2.0 {
             return Err(Error::invalid(format!(
@@ -108,7 +96,7 @@ impl Region {
                 lattice.voxel_size().max_element(),
                 bounds.size().max_element()
             ))
-            .hint("correct 'lattice' in transforms.json, or give --voxel-size or --resolution"));
+            .hint("correct 'lattice' in transforms.json, or give ⟨voxel_size⟩ or ⟨resolution⟩"));
         }
         warnings.extend(self.check_unknowns(survey, capture.pixels(), bounds)?);
         warnings.extend(checks::left_out::left_out(observation, bounds));
@@ -120,12 +108,9 @@ impl Region {
     ///
     /// # Errors
     /// If the pictures leave nothing, or the lattice is not usable.
-    pub fn place(&self, capture: &Capture, observation: &Observation) -> Result<Placed> {
+    pub(super) fn place(&self, capture: &Capture, observation: &Observation) -> Result<Placed> {
         let hull = Hull::new(observation);
-        let bounds = match self.bounds {
-            Bounds::Given(bounds) => bounds,
-            Bounds::Auto => hull.bounds()?,
-        };
+        let bounds = self.given().map_or_else(|| hull.bounds(), Ok)?;
         let chosen = match (self.voxel_size, self.resolution) {
             (Some(size), _) => Some(size),
             (None, Some(count)) => Some(lattice::divided(&bounds, count)?),
@@ -160,11 +145,9 @@ impl Region {
             bounds.size().y,
             bounds.size().z
         );
-        let remedy = "check cameras and background in transforms.json; of photographs, `cumulo capture convert \
-                      --photographs` measures the background; if they are right, give --voxel-size, --resolution or \
-                      --bounds";
-        let user_chosen =
-            self.voxel_size.is_some() || self.resolution.is_some() || matches!(self.bounds, Bounds::Given(_));
+        let remedy = "check cameras and background in transforms.json; of photographs, ⟨capture.convert.photographs⟩ \
+                      measures the background; if they are right, give ⟨voxel_size⟩, ⟨resolution⟩ or ⟨bounds⟩";
+        let user_chosen = self.voxel_size.is_some() || self.resolution.is_some() || self.bounds.is_some();
         match ratio {
             _ if ratio <= DOUBTFUL => Ok(None),
             _ if ratio <= HOPELESS || user_chosen => Ok(Some(Warning::new(what, remedy))),

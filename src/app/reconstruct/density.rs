@@ -1,0 +1,389 @@
+//! Densities from pictures of absorption, or of emission and absorption.
+
+use super::capture::LoadedCapture;
+use super::confidence::{self, Fit};
+use super::refinement::RefinementSettings;
+use super::region::{Placed, RegionSettings};
+use super::volume::{Measurements, Pictures, Solved, VolumeTask};
+use crate::app::Context;
+use crate::app::checks::Emission;
+use crate::app::outputs::Content;
+use crate::app::photos;
+use crate::app::run::{self, Run, Solver};
+use crate::app::task::{Task, without_result};
+use crate::app::transfer::TransferSettings;
+use crate::differentiate::loss::prior::{VolumePrior, Weighted};
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::vdb::{Codec, File, write_grids};
+use crate::formats::{protected, transfer};
+use crate::inverse::cost::{Cost, Method};
+use crate::inverse::density::{Outcome, Request};
+use crate::inverse::density::{multilevel, weiss2021};
+use crate::inverse::observation::Observation;
+use crate::inverse::observation::photo::Photo;
+use crate::inverse::observation::transmittances::Channels;
+use crate::inverse::progress::Step;
+use crate::inverse::through_transfer;
+use crate::scene::bricks::Bricks;
+use crate::scene::capture::{Capture, Model};
+use crate::scene::grid::Grid;
+use crate::scene::medium::Source;
+use crate::scene::transfer::Transfer;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+/// Settings of a reconstruction of densities.
+///
+/// The pictures' density scale is divided out, so that the result stands beside the volume that was rendered.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct DensitySettings {
+    /// transforms.json of the pictures, a model of COLMAP, or the folder of either.
+    #[serde(with = "crate::app::paths")]
+    pub capture: PathBuf,
+    /// VDB to write.
+    #[serde(with = "crate::app::paths")]
+    pub output: PathBuf,
+    /// Lattice and bounds of the voxels.
+    #[serde(flatten)]
+    pub region: RegionSettings,
+    /// Cameras that are only nearly known.
+    #[serde(flatten)]
+    pub refinement: RefinementSettings,
+    /// Transfer function that the pictures show, in place of the capture's.
+    #[serde(flatten)]
+    pub transfer: TransferSettings,
+    /// Volume to start from.
+    #[serde(with = "crate::app::paths")]
+    pub init: Option<PathBuf>,
+    /// How the densities are found.
+    pub solver: Choice,
+    /// Number of views that are not fitted, but decide when to stop; none for one of 8 or more.
+    pub held_out: Option<usize>,
+    /// Iterations on the finest level, at most; none for 24, or 40 where the pictures have noise, and of descents 50
+    /// epochs.
+    pub iterations: Option<u32>,
+    /// Blur passes of the smoothness prior, 0 to 64; none for as many as suit the held-out views, without these 1.
+    pub smoothing: Option<u32>,
+    /// Prior on neighbouring voxels of a descent, its weight in units of the range of densities; none for smooth=0.001,
+    /// of [`Choice::Weiss2021`] smooth=0.5.
+    pub prior: Option<Weighted<VolumePrior>>,
+    /// Loss that conjugate gradients minimise.
+    pub loss: Loss,
+    /// Layer of the pictures; none for the beauty.
+    pub layer: Option<String>,
+    /// Name of the grid that is written.
+    pub grid: String,
+    /// Folder of a page that shows how it went; none for no page.
+    #[serde(with = "crate::app::paths")]
+    pub report: Option<PathBuf>,
+    /// Whether to start from the output, if it is there.
+    pub resume: bool,
+    /// Memory that the work may take.
+    #[serde(flatten)]
+    pub limits: Limits,
+}
+
+impl Default for DensitySettings {
+    fn default() -> Self {
+        Self {
+            capture: PathBuf::new(),
+            output: PathBuf::new(),
+            region: RegionSettings::default(),
+            refinement: RefinementSettings::default(),
+            transfer: TransferSettings::default(),
+            init: None,
+            solver: Choice::Auto,
+            held_out: None,
+            iterations: None,
+            smoothing: None,
+            prior: None,
+            loss: Loss::Huber,
+            layer: None,
+            grid: "density".into(),
+            report: None,
+            resume: false,
+            limits: Limits::default(),
+        }
+    }
+}
+
+/// How densities are to be found.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Choice {
+    /// Conjugate gradients where the pictures depend on the optical depth alone, colors first where there is a transfer
+    /// function, else as in Weiss & Westermann (2021).
+    #[default]
+    Auto,
+    /// Conjugate gradients in the smoothness prior's metric.
+    Cg,
+    /// Adam as in Weiss & Westermann (2021).
+    Weiss2021,
+}
+
+/// Loss of the residuals of optical depths.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Loss {
+    /// Huber's, which bounds the influence of outliers.
+    #[default]
+    Huber,
+    /// Least squares.
+    L2,
+}
+
+/// Solver of densities, as [`Choice`] and the medium of the pictures choose it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum DensitySolver {
+    Cg,
+    Weiss2021,
+    ThroughTransfer,
+}
+
+impl DensitySolver {
+    /// Returns the largest number of iterations on the finest level, or of epochs, unless the settings say so.
+    fn usual_iterations(self, noisy: bool) -> u32 {
+        match self {
+            Self::Cg if noisy => 40,
+            Self::Cg => 24,
+            Self::Weiss2021 | Self::ThroughTransfer => 50,
+        }
+    }
+
+    /// Returns the largest number of steps that a run reports, over all levels.
+    fn most_iterations(self, observation: &Observation, request: &Request, views: usize) -> u64 {
+        let training = views - request.held_out.len();
+        match self {
+            Self::Cg => multilevel::most_iterations(observation, request),
+            Self::Weiss2021 => weiss2021::most_iterations(request, training),
+            Self::ThroughTransfer => through_transfer::most_iterations(observation, request, training),
+        }
+    }
+
+    fn reconstruct(
+        self,
+        measurements: &Measurements,
+        request: &Request,
+        watch: impl FnMut(&Step) -> ControlFlow<()>,
+    ) -> Result<Outcome> {
+        let Pictures { photos, observation, .. } = &measurements.pictures;
+        match self {
+            Self::Cg => multilevel::reconstruct(observation, request, watch),
+            Self::Weiss2021 => weiss2021::reconstruct(photos, observation, request, watch),
+            Self::ThroughTransfer => through_transfer::reconstruct(photos, observation, request, watch),
+        }
+    }
+
+    /// Returns the method that the solver's cost is estimated for.
+    fn method(self) -> Method {
+        match self {
+            Self::Cg => Method::Cg,
+            Self::Weiss2021 => Method::Descent,
+            Self::ThroughTransfer => Method::ThroughTransfer,
+        }
+    }
+}
+
+impl From<DensitySolver> for Solver {
+    fn from(solver: DensitySolver) -> Self {
+        match solver {
+            DensitySolver::Cg => Self::Cg,
+            DensitySolver::Weiss2021 => Self::Weiss2021,
+            DensitySolver::ThroughTransfer => Self::ThroughTransfer,
+        }
+    }
+}
+
+impl DensitySettings {
+    /// Paths that the densities are made from.
+    pub fn inputs(&self) -> Vec<&Path> {
+        let others = [&self.transfer.tf, &self.init].into_iter().flatten();
+        others.chain([&self.capture]).map(PathBuf::as_path).collect()
+    }
+
+    /// Reads, reconstructs and writes.
+    ///
+    /// # Errors
+    /// If the pictures cannot be read or used, or the outputs cannot be written.
+    pub fn run(&self, context: &Context) -> Result<Run> {
+        let task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), self.limits, context)?;
+        let input = self.input(task.limits)?;
+        let solver = self.solver(&input.capture)?;
+        let cameras = self.refinement.output(&self.output, self.report.as_deref(), &input.capture)?;
+        let views = input.capture.frames.len();
+        let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
+
+        let mut work = VolumeTask::new(task, input, (&self.output, self.report.as_deref()), self.layer.as_deref());
+        if work.input.capture.model == Model::Scattering {
+            context.note(
+                "the pictures show scattered light: the densities are those that alpha tells, whatever the colors are",
+            );
+        }
+        let scattered = work.input.capture.model == Model::Scattering;
+        let channels = channels(&work.input.capture)?;
+        let pixels = work.input.capture.pixels();
+        work.forecast(&self.region, channels, |observation, placed| {
+            let request = self.request(&work, observation, placed, solver, held_out.clone())?;
+            let steps = solver.most_iterations(observation, &request, views);
+            Ok(Cost::new(solver.method(), &placed.survey, &request, pixels, steps))
+        })?;
+        let shown = |photo: Photo| match scattered {
+            true => Photo { film: photo.film.by_alpha(), ..photo },
+            false => photo,
+        };
+        let mut pictures = work.read(Emission::Stated, channels, solver != DensitySolver::Cg, shown)?;
+        if scattered {
+            work.input.capture = explained(&work.input.capture).into_owned();
+        }
+        if let Some([least, most]) = pictures.observation.noise() {
+            let percent = |noise: f64| format!("{:.2} %", 100.0 * noise);
+            let (least, most) = (percent(least), percent(most));
+            context.note(format!(
+                "noise of the transmittances, of all channels together: {least} in the clearest picture, {most} in the \
+                 noisiest"
+            ));
+        }
+        if let Some(path) = cameras {
+            let request = |work: &VolumeTask<'_>, observation: &Observation, placed: &Placed| {
+                self.request(work, observation, placed, solver, Vec::new())
+            };
+            let refined = self.refinement.refine(&mut work, path, &self.region, &mut pictures, request);
+            refined.map_err(without_result)?;
+        }
+        let measurements = work.measure(&self.region, pictures)?;
+        let request =
+            self.request(&work, &measurements.pictures.observation, &measurements.unknowns.placed, solver, held_out);
+        let request = request.map_err(|e| e.at(&work.input.json))?;
+        let steps = solver.most_iterations(&measurements.pictures.observation, &request, views);
+        work.plan(&measurements, &request, solver.method(), steps)?;
+
+        let outcome = work.solve("density", steps, |watch| solver.reconstruct(&measurements, &request, watch));
+        let Outcome { field, history, stages, train_psnr_db, held_out_psnr_db, unknowns, stopped } =
+            outcome.map_err(|e| without_result(self.located(e, &work.input.json)))?;
+        work.solved(stages);
+        let Pictures { excerpts, photos, observation } = measurements.pictures;
+        drop((photos, observation));
+        // A volume that is not settled yet does not tell about its cameras.
+        let finest = history.iter().filter(|step| step.level == 0).count();
+        let settled = solver == DensitySolver::Cg && finest >= SETTLED;
+        let mut solved = Solved { history, train_psnr_db, held_out_psnr_db, unknowns, stopped };
+        let mut grid = field.to_grid(&self.grid);
+        let fit = Fit { excerpts: &excerpts, request: &request, train_psnr_db };
+        let confidence = work.confidence(&mut solved, |tick| {
+            let (grids, mut warnings) = confidence::of_densities(&field, &self.grid, fit, tick)?;
+            warnings.extend(if settled { confidence::of_cameras(&field, fit)? } else { None });
+            Ok((grids, warnings))
+        })?;
+        drop(field);
+
+        if let Some(transfer) = transfer_of(&work.input.capture) {
+            grid.metadata.insert(transfer::METADATA_KEY.into(), transfer::to_metadata(transfer));
+        }
+        let grids: Vec<&Grid> = std::iter::once(&grid).chain(&confidence).collect();
+        work.write(|metadata| write_grids(&self.output, &grids, metadata, Codec::default(), false))?;
+        let voxel_size = grid.transform.voxel_size().to_array();
+        work.finish(solver.into(), self.grid.clone(), voxel_size, solved, request.held_out)
+    }
+
+    /// Loads the capture, and refuses pictures that do not tell the densities; the transfer function of the
+    /// settings takes the place of its own.
+    fn input(&self, limits: Limits) -> Result<LoadedCapture> {
+        let mut input = LoadedCapture::load(&self.capture, limits)?;
+        if let Some(transfer) = self.transfer.load(limits)? {
+            input.suits_function()?;
+            (input.capture.transfer, input.capture.model) = (Some(transfer), Model::EmissionAbsorption);
+        }
+        input.suits_alpha(limits)?;
+        Ok(input)
+    }
+
+    fn solver(&self, capture: &Capture) -> Result<DensitySolver> {
+        let source = explained(capture).medium()?.source;
+        let solver = match (self.solver, source) {
+            (Choice::Auto | Choice::Cg, Source::Grey(_)) => DensitySolver::Cg,
+            (Choice::Cg, _) => {
+                return Err(Error::unsupported("⟨solver=cg⟩ needs pictures that depend on the optical depth alone")
+                    .at(&self.capture)
+                    .hint("these show emission that follows the density: leave it out, or use ⟨solver=weiss2021⟩"));
+            }
+            (Choice::Auto, Source::Transfer(_)) => DensitySolver::ThroughTransfer,
+            (Choice::Weiss2021, _) | (Choice::Auto, Source::Linear(_)) => DensitySolver::Weiss2021,
+        };
+        if solver == DensitySolver::Cg && self.prior.is_some() {
+            return Err(Error::invalid("⟨prior⟩ is for descents, and conjugate gradients have a prior of their own")
+                .hint("use ⟨smoothing⟩, or ⟨solver=weiss2021⟩"));
+        }
+        Ok(solver)
+    }
+
+    fn request(
+        &self,
+        work: &VolumeTask<'_>,
+        observation: &Observation,
+        placed: &Placed,
+        solver: DensitySolver,
+        held_out: Vec<usize>,
+    ) -> Result<Request> {
+        let (task, capture) = (&work.task, &work.input.capture);
+        let previous = (self.resume && self.output.exists()).then_some(&self.output);
+        let init = self.init.as_ref().or(previous);
+        let init = init.map(|path| protected::unprotected(path, || volume(path, task.limits))).transpose()?;
+        Ok(Request {
+            lattice: placed.lattice,
+            bounds: placed.bounds,
+            medium: explained(capture).medium()?,
+            background: capture.background,
+            rays_per_edge: run::rays_per_edge(capture.pixel_filter),
+            smoothing: self.smoothing,
+            prior: self.prior,
+            robust: self.loss == Loss::Huber,
+            held_out,
+            iterations: self.iterations.unwrap_or(solver.usual_iterations(observation.noisy())),
+            init,
+            max_memory: task.limits.max_memory,
+            cancel: task.stop(),
+            closing: task.closing(),
+        })
+    }
+
+    /// Names the file of a solver's error: that of the settings for an error of the function, else the capture.
+    fn located(&self, error: Error, json: &Path) -> Error {
+        let function = self.transfer.tf.as_deref().filter(|_| error.place() == Some(through_transfer::FUNCTION));
+        error.at(function.unwrap_or(json))
+    }
+}
+
+/// Returns the transfer function of emission-absorption pictures; none for other models.
+fn transfer_of(capture: &Capture) -> Option<&Transfer> {
+    capture.transfer.as_ref().filter(|_| capture.model == Model::EmissionAbsorption)
+}
+
+/// Iterations on the finest level from which on a volume suits its cameras, if they suit one another.
+const SETTLED: usize = 8;
+
+fn volume(path: &Path, limits: Limits) -> Result<Bricks<f32>> {
+    let grid = File::open(path, limits)?.read_fog(None)?;
+    Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(path))
+}
+
+/// Returns the capture whose pictures the densities explain: of a medium that scatters light, alpha takes the place of
+/// the colors.
+fn explained(capture: &Capture) -> Cow<'_, Capture> {
+    if capture.model == Model::Scattering { Cow::Owned(capture.by_alpha()) } else { Cow::Borrowed(capture) }
+}
+
+/// Returns the channels of the pictures that tell the optical depths.
+fn channels(capture: &Capture) -> Result<Channels> {
+    if capture.model == Model::Scattering {
+        return Ok(Channels::Alpha);
+    }
+    Ok(match capture.medium()?.source {
+        Source::Grey(source) => Channels::Colors { background: capture.background, source },
+        // Where the source varies, colors do not tell the optical depth: alpha does.
+        Source::Linear(_) | Source::Transfer(_) => Channels::Alpha,
+    })
+}

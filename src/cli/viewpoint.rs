@@ -1,0 +1,124 @@
+//! `cumulo viewpoint`: the viewpoints from which a volume shows most.
+
+use super::args::read_as;
+use super::cancel;
+use super::memory::Memory;
+use super::output::Output;
+use super::parse;
+use crate::app::pictures::DensityScale;
+use crate::app::transfer::TransferSettings;
+use crate::app::up::UpChoice;
+use crate::app::viewpoint::ViewpointSettings;
+use crate::error::Result;
+use crate::render::quadrature::{Quadrature, rules};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Find the viewpoints from which a volume shows most
+///
+/// Cameras stand on a sphere around the volume and face its centre. Those from which the opacity entropy of the
+/// picture is largest are written as a capture, the best first; --pictures renders them, too. Ctrl-C writes what is
+/// there (exit code 130); --resume goes on from it.
+#[derive(Debug, clap::Args)]
+struct ViewpointArgs {
+    /// VDB to look at
+    input: PathBuf,
+    /// Capture (JSON) for the cameras
+    #[arg(long, short, value_name = "OUT.json")]
+    output: PathBuf,
+    /// Render the cameras' pictures into this folder (default: cameras alone)
+    #[arg(long, value_name = "DIR")]
+    pictures: Option<PathBuf>,
+    /// Replace a capture that another command wrote, and pictures in their folder that no earlier run wrote
+    #[arg(long)]
+    overwrite: bool,
+    /// Number of viewpoints to start from: the search begins at the best of each and a dozen about it, on small
+    /// pictures
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    starts: u32,
+    /// Evaluations from each start, at most, for each size of picture that the search goes through
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    iterations: u32,
+    /// Let cameras stand in the upper half of the sphere alone, about the up axis: never below the volume
+    #[arg(long)]
+    hemisphere: bool,
+    /// Number of viewpoints, spread evenly over the sphere, to evaluate as well for comparison
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
+    samples: u32,
+    /// Size of the pictures in pixels
+    #[arg(long, value_name = "WxH", default_value = "256x256", value_parser = parse::size)]
+    size: [u32; 2],
+    /// Angle of view in degrees that holds the volume's bounding sphere: it sets how far away the cameras stand
+    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle)]
+    fov: f64,
+    /// Axis that points upwards, with respect to which cameras stand upright
+    #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto)]
+    up: UpChoice,
+    /// Extinction per world unit at a density of 1; auto makes the 99th percentile of the optical depth 3
+    #[arg(long, value_name = "S|auto", default_value = "1")]
+    density_scale: DensityScale,
+    /// Radiance behind the volume in the pictures, r,g,b (default: white, black with a transfer function)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color)]
+    background: Option<[f32; 3]>,
+    #[command(flatten)]
+    transfer: TransferSettings,
+    #[arg(
+        long,
+        value_name = "Q",
+        help = concat!(
+            "Integration along rays: ",
+            rules!(),
+            "; by default exact, and preintegrated through functions of more than 32 points",
+        )
+    )]
+    quadrature: Option<Quadrature>,
+    /// Grid to look at (default: density, else the only scalar one)
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    /// Start from the viewpoints of the output as well, if it is there
+    #[arg(long)]
+    resume: bool,
+    /// Write a page that shows the search
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+impl From<ViewpointArgs> for ViewpointSettings {
+    fn from(args: ViewpointArgs) -> Self {
+        Self {
+            input: args.input,
+            output: args.output,
+            pictures: args.pictures,
+            overwrite: args.overwrite,
+            starts: args.starts,
+            iterations: args.iterations,
+            hemisphere: args.hemisphere,
+            samples: args.samples,
+            size: args.size,
+            fov: args.fov,
+            up: args.up,
+            density_scale: args.density_scale,
+            background: args.background,
+            transfer: args.transfer,
+            quadrature: args.quadrature,
+            grid: args.grid,
+            resume: args.resume,
+            report: args.report,
+            limits: args.memory.limits(),
+        }
+    }
+}
+
+read_as!(ViewpointSettings, ViewpointArgs);
+
+/// Searches and reports.
+///
+/// # Errors
+/// Those of [`ViewpointSettings::run`].
+pub fn run(settings: &ViewpointSettings, output: &Output) -> Result<ExitCode> {
+    let report = settings.run(output)?;
+    output.report(&report)?;
+    Ok(cancel::exit_code(report.stopped))
+}
