@@ -86,12 +86,12 @@ impl Context {
         if !self.shared.stoppable.swap(true, Ordering::SeqCst) {
             self.progress.event(&Event::Stoppable);
         }
-        self.cancel
+        self.cancel.clone()
     }
 
     /// Returns the cancellation that passes poll which only measure or show the result.
     pub fn closing(&self) -> Cancel {
-        self.closing
+        self.closing.clone()
     }
 
     /// Says that inputs of a long task are read, after which [`Self::work_begins`].

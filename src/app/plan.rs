@@ -129,8 +129,7 @@ impl PlanSettings {
             Integrator::DirectVolumeRendering => (pictures.rays_per_edge(paths) as u32).pow(2),
         };
         let quadrature = pictures.quadrature(&scene);
-        let cost = pilot::run(&mut plan, &scene, camera, samples, quadrature, cancel.polled())?
-            .ok_or_else(Error::cancelled)?;
+        let cost = pilot::run(&mut plan, &scene, camera, samples, quadrature, &cancel)?.ok_or_else(Error::cancelled)?;
         let size = [camera.width, camera.height];
         let views = scene.cameras.len();
         Ok(PlanReport { input: pictures.input, views, size, up, plan, cost })

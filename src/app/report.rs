@@ -93,7 +93,7 @@ impl PageSettings {
             Record::Volume(run) => {
                 let reference = self.reference.as_deref().map(|path| File::open(path, limits)?.read_fog(None));
                 let (page, volume) =
-                    page::volume::page(run, limits, reference.transpose()?.as_ref(), beside.as_ref(), Cancel::NEVER)
+                    page::volume::page(run, limits, reference.transpose()?.as_ref(), beside.as_ref(), &Cancel::NEVER)
                         .map_err(named)?;
                 Ok(PageReport { report: page.write(&self.folder)?, volume, transfer: None })
             }
@@ -102,7 +102,7 @@ impl PageSettings {
                 let reference = self.reference.as_deref().map(|path| transfer::load(path, &options));
                 let reference = reference.transpose()?.map(|loaded| loaded.transfer);
                 let views =
-                    page::transfer::views(run, &run.shown, limits, beside.as_ref(), Cancel::NEVER).map_err(named)?;
+                    page::transfer::views(run, &run.shown, limits, beside.as_ref(), &Cancel::NEVER).map_err(named)?;
                 let (page, function) = page::transfer::page(run, views, reference.as_ref())?;
                 Ok(PageReport { report: page.write(&self.folder)?, volume: None, transfer: function })
             }

@@ -9,14 +9,14 @@ use crate::process;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
 /// Set by the first signal to work that can be stopped.
-static REQUESTED: AtomicBool = AtomicBool::new(false);
+static REQUESTED: LazyLock<Cancel> = LazyLock::new(Cancel::new);
 /// Set a second after it to work that writes what it has.
-static OVERDUE: AtomicBool = AtomicBool::new(false);
+static OVERDUE: LazyLock<Cancel> = LazyLock::new(Cancel::new);
 /// True once the work asks whether it is to stop.
 static STOPPABLE: AtomicBool = AtomicBool::new(false);
 /// True once work that is stopped writes what it has.
@@ -39,7 +39,7 @@ pub fn install() -> Result<()> {
         for signal in signals.forever() {
             let code = 128_u8.saturating_add(signal as u8);
             CODE.store(code, Ordering::SeqCst);
-            if !STOPPABLE.load(Ordering::SeqCst) || REQUESTED.swap(true, Ordering::SeqCst) {
+            if !STOPPABLE.load(Ordering::SeqCst) || REQUESTED.request() {
                 document::error(&Error::cancelled());
                 process::leave(code);
             }
@@ -62,27 +62,27 @@ pub fn take(event: &Event<'_>) {
     }
 }
 
-/// Returns the flag that the first signal sets from now on to work that can be stopped.
-pub fn listen() -> &'static AtomicBool {
+/// Returns the cancellation that the first signal requests from now on, of work that can be stopped.
+pub fn listen() -> Cancel {
     take(&Event::Stoppable);
-    &REQUESTED
+    requested()
 }
 
 /// Returns the cancellation that the first signal requests.
 pub fn requested() -> Cancel {
-    Cancel::on(&REQUESTED)
+    REQUESTED.clone()
 }
 
 /// Returns the cancellation that is requested a second after the first signal, once the work writes what it has.
 pub fn overdue() -> Cancel {
-    Cancel::on(&OVERDUE)
+    OVERDUE.clone()
 }
 
 /// Watches for the first signal to a long task: ends the program if the inputs are not read soon, and else gives the
 /// work a second to measure and show its result.
 fn watch() {
     std::thread::spawn(|| {
-        while !REQUESTED.load(Ordering::Relaxed) {
+        while !REQUESTED.requested() {
             std::thread::sleep(Duration::from_millis(50));
         }
         // What is nearly read may as well be begun: the work then ends with what it started from.
@@ -94,7 +94,7 @@ fn watch() {
             std::thread::sleep(Duration::from_millis(50));
         }
         std::thread::sleep(Duration::from_secs(1));
-        OVERDUE.store(true, Ordering::Relaxed);
+        OVERDUE.request();
     });
 }
 

@@ -96,7 +96,7 @@ pub fn reconstruct(
             None => work.tinted(mean_color(photos, request.background)),
         };
         let mut emission = Emission::new(&work.train, &work.extinctions, request.background, work.rays);
-        emission.cancel = request.cancel;
+        emission.cancel = request.cancel.clone();
         let colors = work.solve(&mut emission, colors, |loss, held_out_psnr_db| {
             let iteration = history.len() as u32 + 1;
             let step = Step { level, iteration, seconds: start.elapsed().as_secs_f64(), loss, held_out_psnr_db };
@@ -107,7 +107,7 @@ pub fn reconstruct(
         stopped |= request.cancel.requested();
         stages.push(Stage { name: format!("colors, level {level}"), seconds: begun.elapsed().as_secs_f64() });
         if level == 0 || stopped {
-            emission.cancel = request.closing;
+            emission.cancel = request.closing.clone();
             let mut psnr = |views: &[ColorView]| {
                 let square = emission.error(&colors, views);
                 if request.closing.requested() { f64::NAN } else { unit_psnr_db(square) }
@@ -190,7 +190,7 @@ impl Level {
         mut watch: impl FnMut(f64, Option<f64>) -> ControlFlow<()>,
     ) -> Vec<f32> {
         let mut smoother = Smoother::new(&self.extinctions.topology, self.passes, 0.2);
-        smoother.cancel = emission.cancel;
+        smoother.cancel = emission.cancel.clone();
         let mut solver = Solver::new(emission, &mut smoother, &self.unknown, start).robust(self.robust);
         let mut trail: Vec<f64> = Vec::new();
         let mut best = None;

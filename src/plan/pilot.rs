@@ -1,13 +1,13 @@
 //! Pilots: small pictures that tell what a plan will cost.
 
 use super::{Effect, Integrator, Plan, State};
+use crate::cancel::Cancel;
 use crate::error::Result;
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::path::{Limits, PathTracer, Sampling};
 use crate::render::quadrature::Quadrature;
 use crate::scene::camera::Camera;
 use crate::scene::scene::Scene;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 /// Pixels along the longer edge of a pilot picture.
@@ -49,7 +49,7 @@ pub fn run(
     camera: &Camera,
     samples: u32,
     quadrature: Quadrature,
-    cancel: &AtomicBool,
+    cancel: &Cancel,
 ) -> Result<Option<Cost>> {
     let view = small(camera);
     let pixels = u64::from(view.width) * u64::from(view.height);

@@ -1,5 +1,6 @@
 //! A density scale at which a volume's pictures neither vanish nor go black.
 
+use crate::cancel::Cancel;
 use crate::render::dvr::Dvr;
 use crate::render::integrator::Integrator;
 use crate::render::tiles;
@@ -35,7 +36,7 @@ pub fn depths<I: Integrator>(integrator: &I, cameras: &[Camera]) -> Vec<f64> {
         let ray = |(x, y)| camera.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
         pixels.map(|pixel| integrator.li(&ray(pixel), scratch).depth).filter(|d| *d > 0.0).collect::<Vec<_>>()
     };
-    let mut depths = tiles::map(cameras, None, I::Scratch::default, of_camera).unwrap_or_default().concat();
+    let mut depths = tiles::map(cameras, &Cancel::NEVER, I::Scratch::default, of_camera).unwrap_or_default().concat();
     depths.sort_by(f64::total_cmp);
     depths
 }

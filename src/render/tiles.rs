@@ -5,22 +5,22 @@
 //! units or of the partitions, so that they are bit-identical for any number of threads. A cancel flag stops the work
 //! between two units.
 
+use crate::cancel::Cancel;
 use rayon::prelude::*;
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Watch over the pixels of a picture: a flag that stops the work, and who is told of the pixels that are done.
 #[derive(Clone, Copy)]
 pub struct Watch<'w> {
     /// Flag that stops the work once it is set.
-    pub cancel: &'w AtomicBool,
+    pub cancel: &'w Cancel,
     /// Receiver of the number of pixels that have been done since it was called last, on any thread.
     pub done: Option<&'w (dyn Fn(u64) + Sync)>,
 }
 
-impl<'w> From<&'w AtomicBool> for Watch<'w> {
+impl<'w> From<&'w Cancel> for Watch<'w> {
     /// Creates the watch of a flag, which tells nobody.
-    fn from(cancel: &'w AtomicBool) -> Self {
+    fn from(cancel: &'w Cancel) -> Self {
         Self { cancel, done: None }
     }
 }
@@ -58,22 +58,16 @@ impl Subpixels {
     }
 }
 
-/// True once the flag is set.
-#[inline]
-fn stopped(cancel: Option<&AtomicBool>) -> bool {
-    cancel.is_some_and(|flag| flag.load(Ordering::Relaxed))
-}
-
 /// Applies `work` to each unit, with scratch memory for each unit at work, and returns the results in the units' order;
 /// `None` if `cancel` was set before all were done.
 pub fn map<U: Sync, S, T: Send>(
     units: &[U],
-    cancel: Option<&AtomicBool>,
+    cancel: &Cancel,
     scratch: impl Fn() -> S + Sync + Send,
     work: impl Fn(&mut S, &U) -> T + Sync + Send,
 ) -> Option<Vec<T>> {
     // No grouping: the cost of units varies widely.
-    let one = |scratch: &mut S, unit: &U| (!stopped(cancel)).then(|| work(scratch, unit));
+    let one = |scratch: &mut S, unit: &U| (!cancel.requested()).then(|| work(scratch, unit));
     units.par_iter().with_max_len(1).map_init(scratch, one).collect()
 }
 
@@ -86,11 +80,11 @@ pub fn pixels<S, T: Send + Default + Clone>(
     pixel: impl Fn(&mut S, [usize; 2]) -> T + Sync + Send,
 ) -> Option<Vec<T>> {
     let mut values = vec![T::default(); width * height];
-    let cancel = watch.map(|watch| watch.cancel);
+    let cancel = watch.map_or(&Cancel::NEVER, |watch| watch.cancel);
     let bands = values.par_chunks_mut((width * TILE[1]).max(1)).enumerate().with_max_len(1);
     bands.for_each_init(scratch, |scratch, (band, rows)| {
         for left in (0..width).step_by(TILE[0]) {
-            if stopped(cancel) {
+            if cancel.requested() {
                 return;
             }
             let across = left..width.min(left + TILE[0]);
@@ -104,7 +98,7 @@ pub fn pixels<S, T: Send + Default + Clone>(
             }
         }
     });
-    (!stopped(cancel)).then_some(values)
+    (!cancel.requested()).then_some(values)
 }
 
 /// Width and height of the tiles of [`pixels`]. A band of as many rows is one task; within it pixels go tile by tile,
@@ -116,7 +110,7 @@ const TILE: [usize; 2] = [16, 4];
 /// sums in the partitions' order; those of work that `cancel` stopped are incomplete.
 pub fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
     partitions: &mut [P],
-    cancel: Option<&AtomicBool>,
+    cancel: &Cancel,
     units: impl Fn(usize) -> I + Sync,
     begin: impl Fn(&mut P) -> T + Sync,
     work: impl Fn(&mut P, &mut T, U) + Sync,
@@ -126,7 +120,7 @@ pub fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
     all.map(|(number, partition)| {
         let mut sum = begin(partition);
         for unit in units(number) {
-            if stopped(cancel) {
+            if cancel.requested() {
                 break;
             }
             work(partition, &mut sum, unit);
@@ -149,7 +143,7 @@ pub fn runs(count: usize, length: usize) -> Vec<Range<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::atomic::AtomicU64;
+    use std::sync::atomic::{AtomicU64, Ordering};
 
     #[test]
     fn every_pixel_has_its_own_value_and_a_flag_stops_all() {
@@ -158,14 +152,15 @@ mod tests {
             let expected: Vec<_> = (0..size[0] * size[1]).map(|i| (i % size[0] + 1, i / size[0] + 1)).collect();
             assert_eq!(found, Some(expected), "{size:?}");
         }
-        let set = AtomicBool::new(true);
+        let set = Cancel::new();
+        set.request();
         assert_eq!(pixels([4, 4], Some((&set).into()), || (), |(), _| 1), None);
-        assert_eq!(map(&[1, 2], Some(&set), || (), |(), unit| *unit), None);
+        assert_eq!(map(&[1, 2], &set, || (), |(), unit| *unit), None);
     }
 
     #[test]
     fn every_pixel_is_counted_once() {
-        let (cancel, count) = (AtomicBool::new(false), AtomicU64::new(0));
+        let (cancel, count) = (Cancel::new(), AtomicU64::new(0));
         let done = |pixels| {
             count.fetch_add(pixels, Ordering::Relaxed);
         };
@@ -177,8 +172,8 @@ mod tests {
     #[test]
     fn results_come_in_order() {
         let units: Vec<u64> = (0..1000).collect();
-        assert_eq!(map(&units, None, || 0, |_, unit| 3 * unit), Some(units.iter().map(|u| 3 * u).collect()));
-        let sums = partitions(&mut [0; 7], None, |k| dealt(&units, k, 7), |_| 0, |_, sum, unit| *sum += unit);
+        assert_eq!(map(&units, &Cancel::NEVER, || 0, |_, unit| 3 * unit), Some(units.iter().map(|u| 3 * u).collect()));
+        let sums = partitions(&mut [0; 7], &Cancel::NEVER, |k| dealt(&units, k, 7), |_| 0, |_, sum, unit| *sum += unit);
         let expected: Vec<u64> = (0..7).map(|k| units.iter().filter(|u| *u % 7 == k).sum()).collect();
         assert_eq!(sums, expected);
         assert_eq!(runs(10, 4), [0..4, 4..8, 8..10]);

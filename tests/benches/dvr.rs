@@ -2,6 +2,7 @@
 //! with the cameras that `python/peers/run_vtk.py` and `run_torch.py` have. One JSON line on stdout.
 
 use super::turns::{in_turn, median};
+use cumulo::cancel::Cancel;
 use cumulo::differentiate::gradient::pictures::{self, Gradients, Target, Workspace};
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
@@ -23,7 +24,6 @@ use serde_json::{Value, json};
 use std::hint::black_box;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// The arguments by which `python/bench.py` asks for either.
 pub const PICTURES: &str = "--pictures";
@@ -129,7 +129,7 @@ pub fn pictures(path: &Path, threads: usize, folder: &Path, voxels: DVec3) {
     let (fast, exact) = (boxed::<f32>(&field, voxels), boxed::<f64>(&field, voxels));
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let camera = camera(voxels.max_element(), 0.5 * (voxels - 1.0), 0.3, 512, 30.0);
-    let cancel = AtomicBool::new(false);
+    let cancel = Cancel::NEVER;
     let by_function = OPACITIES.map(|(name, opacity)| {
         let knots = if name == "bone" { BONE.map(|[knot, _]| knot).to_vec() } else { even() };
         let medium = Medium::new(1.0, Source::Transfer(function(knots, |x| -(-opacity(x)).ln_1p())));
@@ -176,7 +176,7 @@ pub fn gradient(path: &Path, threads: usize, rule: Quadrature, pixels: u32) {
     let field = volume(path).filled(u64::MAX).unwrap();
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let medium = Medium::new(1.0, Source::Transfer(function(even(), |x| bump(x, 20.0, 60.0))));
-    let cancel = AtomicBool::new(false);
+    let cancel = Cancel::NEVER;
     let squares = |seen: &[f32; 4], wanted: &[f32; 4]| {
         let d: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
         (d.iter().map(|d| f64::from(d * d)).sum(), d.map(|d| 2.0 * d))

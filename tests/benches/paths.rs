@@ -4,6 +4,7 @@
 use super::fields;
 use super::row::Row;
 use super::turns::{in_turn, median, ratio};
+use cumulo::cancel::Cancel;
 use cumulo::math::Affine;
 use cumulo::plan::{Plan, Request};
 use cumulo::render::path::{PathFilm, PathTracer, Sampling};
@@ -20,7 +21,6 @@ use cumulo::scene::volume::Volume;
 use glam::{DVec3, Vec3};
 use rayon::ThreadPoolBuilder;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Argument that asks for the rows.
 pub const PATHS: &str = "--paths";
@@ -81,7 +81,7 @@ pub fn rows() -> Vec<Row> {
 }
 
 fn picture(tracer: &PathTracer<'_>, scene: &Scene, seed: u64) -> PathFilm {
-    tracer.picture(&scene.cameras[0], Sampling::new(64, seed), &[], &AtomicBool::new(false)).unwrap()
+    tracer.picture(&scene.cameras[0], Sampling::new(64, seed), &[], &Cancel::NEVER).unwrap()
 }
 
 /// What effects cost that a plan has found to be off: lights that are black. Pictures must be the same bit for bit.

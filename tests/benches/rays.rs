@@ -3,6 +3,7 @@
 use super::fields;
 use super::row::Row;
 use super::turns::{in_turn, median, ratio};
+use cumulo::cancel::Cancel;
 use cumulo::differentiate::gradient::pictures::{self, Gradients, Target, Workspace};
 use cumulo::inverse::observation::depth_map::{DepthMap, Limit};
 use cumulo::inverse::projection::projector::Projector;
@@ -19,7 +20,6 @@ use cumulo::scene::up::Up;
 use glam::DVec3;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::hint::black_box;
-use std::sync::atomic::AtomicBool;
 
 /// Voxels along the volume's edge, pixels along the pictures'.
 const VOXELS: i32 = 128;
@@ -87,7 +87,7 @@ pub fn rows() -> Vec<Row> {
 }
 
 fn render(dvr: &Composited<Dvr<'_, f32>>, scene: &Scene, pool: &ThreadPool) {
-    let cancel = AtomicBool::new(false);
+    let cancel = Cancel::NEVER;
     pool.install(|| scene.cameras.iter().for_each(|c| drop(black_box(picture(dvr, c, 1, &cancel)))));
 }
 

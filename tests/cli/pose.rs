@@ -2,6 +2,7 @@
 
 use crate::common::fields::{field, grid, lumps, noise, odd, tinted, unit};
 use crate::common::work::{self, Work, errors, interrupt, until};
+use cumulo::cancel::Cancel;
 use cumulo::differentiate::gradient::camera_jacobian::Rows;
 use cumulo::formats::vdb::shaded;
 use cumulo::formats::{transfer, transforms};
@@ -18,9 +19,8 @@ use cumulo::scene::up::Up;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
-use std::sync::atomic::AtomicBool;
 
-static NEVER: AtomicBool = AtomicBool::new(false);
+static NEVER: Cancel = Cancel::NEVER;
 
 fn lumpy() -> Grid {
     grid(32, unit(), |p| 0.4 * lumps(32)(p))

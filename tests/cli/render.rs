@@ -2,6 +2,7 @@
 
 use crate::common::fields::{self, tinted, unit};
 use crate::common::work::{Work, density, errors, fixture, interrupt, until};
+use cumulo::cancel::Cancel;
 use cumulo::formats::vdb::shaded;
 use cumulo::formats::{exr, transforms};
 use cumulo::render;
@@ -16,7 +17,6 @@ use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::os::unix::ffi::OsStringExt;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 fn field(path: &Path) -> Bricks<f32> {
     Bricks::from_grid(&density(path), 1 << 30).unwrap()
@@ -28,7 +28,7 @@ fn assert_as_described(work: &Work, folder: &str, volume: &Path, quadrature: Qua
     let field = field(volume);
     let dvr = Dvr::new(&field, capture.medium().unwrap()).unwrap().quadrature(quadrature).over(capture.background);
     for frame in &capture.frames {
-        let expected = render::picture(&dvr, &frame.camera, 1, &AtomicBool::new(false)).unwrap();
+        let expected = render::picture(&dvr, &frame.camera, 1, &Cancel::NEVER).unwrap();
         // A file does not say how many rays a pixel had.
         let expected = Film { samples: 0, ..expected };
         assert!(exr::read_picture(&frame.picture, None).unwrap() == expected, "{}", frame.picture.display());

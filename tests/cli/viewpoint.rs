@@ -2,6 +2,7 @@
 
 use crate::common::fields::{field, grid, lumps, noise, odd, unit};
 use crate::common::work::{Work, errors, interrupt, until};
+use cumulo::cancel::Cancel;
 use cumulo::differentiate::gradient::camera_jacobian::Rows;
 use cumulo::formats::{transfer, transforms};
 use cumulo::inverse::viewpoint::entropy;
@@ -16,9 +17,8 @@ use cumulo::scene::up::Up;
 use glam::{DVec2, DVec3};
 use serde_json::Value;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
-static NEVER: AtomicBool = AtomicBool::new(false);
+static NEVER: Cancel = Cancel::NEVER;
 
 /// Lumps, flat enough that some sides show more than others.
 fn lumpy() -> Grid {

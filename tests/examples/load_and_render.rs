@@ -2,6 +2,7 @@
 //!
 //! `cargo run --release --example load_and_render -- fixtures/plume.vdb view.exr`
 
+use cumulo::cancel::Cancel;
 use cumulo::formats::exr;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
@@ -15,7 +16,6 @@ use cumulo::scene::up::Up;
 use cumulo::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 /// Renders the volume with an extinction of 3 per unit of density and world length, on white.
 ///
@@ -29,7 +29,7 @@ pub fn run(volume: &Path, picture: &Path) -> Result<Film> {
     // One camera, 128 x 128 pixels, so far away that the volume takes 40 degrees.
     let cameras = orbit::cameras(&field.outline(), 1, Layout::Sphere, 128, 128, 40.0, Up::Z);
     let renderer = Dvr::new(&field, Medium::absorbing(3.0))?.over([1.0; 3]);
-    let never = AtomicBool::new(false);
+    let never = Cancel::NEVER;
     let film = render::picture(&renderer, &cameras[0], 1, &never).ok_or_else(Error::cancelled)?;
     exr::write_picture(picture, &film, &BTreeMap::new(), false)?;
     Ok(film)

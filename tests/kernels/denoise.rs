@@ -1,6 +1,7 @@
 //! Denoising of path-traced sequences: nearer to converged pictures, and steadier, than what goes in.
 
 use crate::common::fields;
+use cumulo::cancel::Cancel;
 use cumulo::denoise::{Ahead, Denoiser, Estimate, Frame, Lookahead, Method, Settings};
 use cumulo::math::Affine;
 use cumulo::render::aov::Aov;
@@ -14,7 +15,6 @@ use cumulo::scene::phase::Phase;
 use cumulo::scene::scene::Scene;
 use cumulo::scene::volume::Volume;
 use glam::{DVec2, DVec3, Vec2, Vec3};
-use std::sync::atomic::AtomicBool;
 
 const WIDTH: u32 = 48;
 const HEIGHT: u32 = 36;
@@ -71,7 +71,7 @@ fn shots(turn: f64, sun_turns: f64, extinction: f64) -> Vec<Shot> {
         let tracer = PathTracer::new(&scene).unwrap().background([0.0; 3]);
         let [before, camera, after] = [-1.0, 0.0, 1.0].map(|step| camera(turn * (f64::from(frame) + step)));
         let view = View { camera: &camera, before: Some(&before), after: Some(&after), velocities: &[] };
-        let go = AtomicBool::new(false);
+        let go = Cancel::NEVER;
         let noisy = tracer.picture(view, Sampling::new(2, frame.into()), &[Aov::Motion], &go).unwrap().film;
         let paths = if frame < LEARNING { 1 } else { 128 };
         let truth = tracer.picture(&camera, Sampling::new(paths, 1000 + u64::from(frame)), &[], &go).unwrap().film;

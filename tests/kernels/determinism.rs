@@ -26,7 +26,6 @@ use cumulo::scene::up::Up;
 use std::fmt::Debug;
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Runs `f` with 1, 2 and 8 threads and expects equal results.
 fn alike<T: PartialEq + Debug + Send>(what: &str, f: impl Fn() -> T + Sync) {
@@ -52,7 +51,7 @@ const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.6), Qu
 
 fn photos(field: &Bricks<f32>, cameras: &[Camera], medium: Medium) -> Vec<Photo> {
     let dvr = Dvr::new(field, medium).unwrap().over([1.0; 3]);
-    let film = |c: &Camera| render::picture(&dvr, c, 1, &AtomicBool::new(false)).unwrap();
+    let film = |c: &Camera| render::picture(&dvr, c, 1, &Cancel::NEVER).unwrap();
     cameras.iter().map(|c| Photo { camera: *c, film: film(c), name: "photo".into(), photograph: false }).collect()
 }
 
@@ -62,7 +61,7 @@ fn pictures() {
     for medium in MEDIA {
         for rule in RULES {
             let dvr = Dvr::new(&field, medium.clone()).unwrap().quadrature(rule).over([1.0; 3]);
-            alike("picture", || render::picture(&dvr, &cameras[2], 2, &AtomicBool::new(false)));
+            alike("picture", || render::picture(&dvr, &cameras[2], 2, &Cancel::NEVER));
         }
     }
 }
@@ -90,7 +89,7 @@ fn dispatched_kernels_equal_the_scalar_one() {
     for medium in MEDIA {
         for rule in RULES {
             let dvr = Dvr::new(&field, medium.clone()).unwrap().quadrature(rule).over([1.0; 3]);
-            let film = render::picture(&dvr, &cameras[3], 1, &AtomicBool::new(false)).unwrap();
+            let film = render::picture(&dvr, &cameras[3], 1, &Cancel::NEVER).unwrap();
             for (i, pixel) in film.rgba.iter().enumerate() {
                 let ray = cameras[3].ray((i % film.width) as f64 + 0.5, (i / film.width) as f64 + 0.5);
                 let bits = |p: [f32; 4]| p.map(f32::to_bits);
@@ -141,8 +140,8 @@ fn pre_integration() {
         let field = field.clone().filled(1 << 30).unwrap();
         let dvr = Dvr::new(&field, medium).unwrap().quadrature(Quadrature::PREINTEGRATED).over([1.0; 3]);
         let oldest = dvr.clone().with(|dvr| dvr.arch(Arch::oldest()));
-        alike("picture", || render::picture(&dvr, &cameras[2], 2, &AtomicBool::new(false)));
-        let of = |dvr: &Composited<Dvr<'_, f32>>| render::picture(dvr, &cameras[3], 1, &AtomicBool::new(false));
+        alike("picture", || render::picture(&dvr, &cameras[2], 2, &Cancel::NEVER));
+        let of = |dvr: &Composited<Dvr<'_, f32>>| render::picture(dvr, &cameras[3], 1, &Cancel::NEVER);
         assert!(of(&dvr) == of(&oldest), "{transfer:?}");
         let camera = cameras[1];
         let target = Target { camera, rgba: vec![[0.4, 0.5, 0.6, 0.3]; 48 * 40], rays_per_edge: 1 };

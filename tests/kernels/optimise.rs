@@ -29,7 +29,6 @@ use cumulo::scene::orbit::{self, Layout};
 use cumulo::scene::up::Up;
 use glam::{DMat4, DVec2, DVec3, IVec3, Vec4};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Numbers in 0..1 that look random.
 fn noise(count: usize, seed: u64) -> Vec<f32> {
@@ -67,7 +66,7 @@ fn photos(field: &Bricks<f32>, cameras: &[Camera], background: [f32; 3]) -> Vec<
     let dvr = Dvr::new(field, Medium::absorbing(1.5)).unwrap().early_stop(0.0).over(background);
     let shoot = |camera: &Camera| Photo {
         camera: *camera,
-        film: picture(&dvr, camera, 1, &AtomicBool::new(false)).unwrap(),
+        film: picture(&dvr, camera, 1, &Cancel::NEVER).unwrap(),
         name: "view".into(),
         photograph: false,
     };
@@ -671,7 +670,7 @@ fn a_wall_hides_what_is_behind_it() {
     };
     let view = MeasuredView { camera, rays_per_edge: 1, measured: &|_| true };
     let renderer = Preshaded::new(&field).over([0.9, 0.1, 0.4]);
-    let known = confidence(&renderer, &[view], 0.01, &[(&[3], 0.1), (&[0, 1, 2], 0.1)], Cancel::NEVER, |_, _| ());
+    let known = confidence(&renderer, &[view], 0.01, &[(&[3], 0.1), (&[0, 1, 2], 0.1)], &Cancel::NEVER, |_, _| ());
     let known = known.unwrap();
     for (which, known) in ["extinction", "emission"].into_iter().zip(known) {
         for (voxel, known) in known.into_iter().enumerate() {

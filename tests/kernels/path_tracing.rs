@@ -3,6 +3,7 @@
 
 use crate::common::fields::{self, field, lumps, noise, odd, rays, unit};
 use cumulo::arch::Arch;
+use cumulo::cancel::Cancel;
 use cumulo::math::{Affine, Ray};
 use cumulo::render::aov::Aov;
 use cumulo::render::dvr::Dvr;
@@ -22,7 +23,6 @@ use cumulo::scene::volume::Volume;
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use std::f64::consts::PI;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Mean and squared standard error of each channel.
 type Estimate = [[f64; 2]; 3];
@@ -532,7 +532,7 @@ fn camera(field: &Bricks<f32>, size: u32) -> Camera {
 fn pictures_depend_on_seed_and_pixel_alone() {
     let field = lumpy(unit());
     let scene = busy(&field);
-    let (camera, go, sampling) = (camera(&field, 24), AtomicBool::new(false), Sampling::new(8, 5));
+    let (camera, go, sampling) = (camera(&field, 24), Cancel::NEVER, Sampling::new(8, 5));
     let picture = |threads: usize, arch: Arch, camera: &Camera, sampling| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let tracer = PathTracer::new(&scene).unwrap().arch(arch);
@@ -555,7 +555,7 @@ fn halves_are_independent_and_variances_those_of_means() {
     let scene = busy(&field);
     let tracer = PathTracer::new(&scene).unwrap();
     let camera = camera(&field, 6);
-    let never = AtomicBool::new(false);
+    let never = Cancel::NEVER;
     for paths in [4, 16, 64, 256] {
         let picture = |seed| {
             tracer.picture(&camera, Sampling::new(paths, seed), &[Aov::Variance, Aov::Halves], &never).unwrap().film
@@ -622,7 +622,7 @@ fn hard_cases_stay_finite() {
     for (name, field, medium, lights) in cases.into_iter().chain(more) {
         let scene = scene(&field, medium, lights, [1.0, 0.5, 0.1]);
         let tracer = PathTracer::new(&scene).unwrap();
-        let go = AtomicBool::new(false);
+        let go = Cancel::NEVER;
         let outside = camera(&field, 12);
         let inside = Camera {
             camera_to_world: Camera::look_at(field.world_bounds().centre(), DVec3::ZERO, DVec3::Z),

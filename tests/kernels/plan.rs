@@ -2,6 +2,7 @@
 
 use crate::common::fields::{field, lumps, unit};
 use crate::common::scenes::{Draw, EDGE};
+use cumulo::cancel::Cancel;
 use cumulo::plan::{Effect, Integrator, Plan, Request, State};
 use cumulo::render::any_renderer::AnyRenderer;
 use cumulo::render::path::{Limits, PathTracer, Sampling};
@@ -14,7 +15,6 @@ use cumulo::scene::phase::Phase;
 use cumulo::scene::scene::Scene;
 use cumulo::scene::volume::Volume;
 use glam::{DVec3, Vec3};
-use std::sync::atomic::AtomicBool;
 
 /// Means and squared standard errors of the picture, by channel and pixel.
 fn picture(
@@ -24,7 +24,7 @@ fn picture(
     background: Option<[f32; 3]>,
     seed: u64,
 ) -> Vec<[f64; 2]> {
-    let never = AtomicBool::new(false);
+    let never = Cancel::NEVER;
     let camera = &scene.cameras[0];
     if integrator == Integrator::DirectVolumeRendering {
         let film = AnyRenderer::new(scene, Quadrature::Exact).unwrap().picture(camera, 12, &never).unwrap();

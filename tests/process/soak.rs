@@ -3,10 +3,10 @@
 
 use crate::alone::alone;
 use crate::common::scenes::Draw;
+use cumulo::cancel::Cancel;
 use cumulo::plan::{Plan, Request};
 use cumulo::render::aov::Aov;
 use cumulo::render::path::{Limits, PathTracer, Sampling};
-use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
@@ -35,7 +35,7 @@ fn hard_scenes_stay_finite() {
             }
         });
         let scene = Draw(100_000 * number).hard_scene();
-        let never = AtomicBool::new(false);
+        let never = Cancel::NEVER;
         let request = Request { max_omitted: 0.1 * (number % 2) as f64, ..Request::default() };
         let plan = Plan::new(&scene, &scene.cameras, &request).unwrap();
         let scene = plan.simplify(scene).unwrap();

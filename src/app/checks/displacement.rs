@@ -13,7 +13,6 @@ use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
 use glam::DVec3;
 use rayon::prelude::*;
-use std::sync::atomic::AtomicBool;
 
 /// Damping of the step, as a share of the largest eigenvalue.
 const DAMPING: f64 = 1e-3;
@@ -43,14 +42,13 @@ pub fn displacements<I: Differentiable<Real = f32>>(
     colors: &Colors,
     points: &[DVec3],
     rays_per_edge: usize,
-    cancel: Cancel,
+    cancel: &Cancel,
 ) -> Vec<Displacement> {
     let centre = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
-    let never = AtomicBool::new(false);
     let of_view = |excerpt: &Excerpt| {
         let camera = &excerpt.camera;
         let frame = Frame::new(camera, camera.position().distance(centre).max(f64::MIN_POSITIVE));
-        let cancel = cancel.flag().unwrap_or(&never);
+        let cancel = &cancel;
         let rows = Rows { renderer, reference: None, camera, rays_per_edge, cancel };
         let stride = stride(rows.pixels(), excerpts.len());
         let normal = linearised(&rows, &frame, &|i| excerpt.pixel(i), colors, stride);

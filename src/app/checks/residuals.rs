@@ -49,7 +49,7 @@ impl Residuals {
         excerpts: &[Excerpt],
         held_out: &[usize],
         rays_per_edge: usize,
-        cancel: Cancel,
+        cancel: &Cancel,
     ) -> Option<Self> {
         let used: Vec<&Excerpt> =
             excerpts.iter().enumerate().filter(|(i, _)| !held_out.contains(i)).map(|(_, excerpt)| excerpt).collect();
@@ -57,7 +57,7 @@ impl Residuals {
         let chosen: Vec<&Excerpt> = used.into_iter().step_by(step).collect();
         let rays = Subpixels::new(rays_per_edge);
         let of_view = |tape: &mut I::Scratch, excerpt: &&Excerpt| Self::of_view(renderer, excerpt, rays, cancel, tape);
-        let all = tiles::map(&chosen, cancel.flag(), I::Scratch::default, of_view)?;
+        let all = tiles::map(&chosen, &cancel, I::Scratch::default, of_view)?;
         let total = all.into_iter().reduce(Self::plus)?;
         (total.count > 0.0 && !cancel.requested()).then_some(total)
     }
@@ -66,7 +66,7 @@ impl Residuals {
         renderer: &Composited<I>,
         excerpt: &Excerpt,
         rays: Subpixels,
-        cancel: Cancel,
+        cancel: &Cancel,
         tape: &mut I::Scratch,
     ) -> Self {
         let camera = &excerpt.camera;

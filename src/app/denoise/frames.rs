@@ -10,12 +10,12 @@ use super::{COMMAND, Cuts, DenoiseSettings, INPUTS, SETTINGS};
 use crate::app::Context;
 use crate::app::context::Stage;
 use crate::app::provenance::Provenance;
+use crate::cancel::Cancel;
 use crate::denoise::{Denoised, Estimate, Settings, still};
 use crate::error::{Error, Kind, Result};
 use crate::formats::exr::Document;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::time::Instant;
 
@@ -70,7 +70,7 @@ impl Sequence<'_> {
         plan: &Plan,
         settings: Settings,
         provenance: &Provenance,
-        cancel: &AtomicBool,
+        cancel: &Cancel,
         context: &Context,
     ) -> Result<Done> {
         let writes = plan.reads().filter(|read| read.write).count();
@@ -102,13 +102,13 @@ impl Sequence<'_> {
     }
 
     /// Reads the frames in the order of the plan.
-    fn read(&self, plan: &Plan, motions: Motions<'_>, to: &SyncSender<Result<Shot>>, cancel: &AtomicBool) {
+    fn read(&self, plan: &Plan, motions: Motions<'_>, to: &SyncSender<Result<Shot>>, cancel: &Cancel) {
         let Self { settings, numbers, inputs, .. } = *self;
         let held = Held::new(self.pixels, settings.limits);
         let mut reader = Reader { settings, numbers, inputs, motions, held };
         for read in plan.reads() {
             // The denoiser hangs up when it is interrupted.
-            if cancel.load(Ordering::Relaxed) || to.send(reader.shot(read, cancel)).is_err() {
+            if cancel.requested() || to.send(reader.shot(read, cancel)).is_err() {
                 return;
             }
         }
@@ -121,7 +121,7 @@ impl Sequence<'_> {
         settings: Settings,
         read: &Receiver<Result<Shot>>,
         pictures: &Pictures,
-        cancel: &AtomicBool,
+        cancel: &Cancel,
         context: &Context,
     ) -> Result<Done> {
         let mut done = Done { at_rest: true, ..Done::default() };
@@ -132,7 +132,7 @@ impl Sequence<'_> {
         let mut directions: Vec<Directions> = Vec::new();
         let mut expected = None;
         for step in &plan.steps {
-            if cancel.load(Ordering::Relaxed) {
+            if cancel.requested() {
                 return Err(Error::cancelled());
             }
             let (frame, forward, keep, again) = match *step {

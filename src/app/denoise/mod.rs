@@ -400,7 +400,7 @@ impl DenoiseSettings {
         let plan = Plan::new(&write, two_way, self.chunk, self.overlap as usize, kept);
         let sequence =
             frames::Sequence { numbers: &numbers, inputs: &inputs, outputs: &outputs, pixels, settings: self };
-        let mut done = sequence.run(&plan, settings, &provenance, context.cancel().polled(), context)?;
+        let mut done = sequence.run(&plan, settings, &provenance, &context.cancel(), context)?;
         if input.is_still()
             && let Some((_, error)) = done.failed.pop()
         {

@@ -2,6 +2,7 @@
 
 use super::names::Names;
 use crate::app::motion::{Choices, Tracing};
+use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::exr::{Document, LayerInfo};
 use crate::formats::limits::Limits;
@@ -14,7 +15,6 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Source of the motion.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -161,7 +161,7 @@ impl<'m> Motions<'m> {
     ///
     /// # Errors
     /// If the layer, file or volume that was named is not there, or does not fit.
-    pub fn of(&mut self, asked: &Asked<'_>, cancel: &AtomicBool) -> Result<Moved> {
+    pub fn of(&mut self, asked: &Asked<'_>, cancel: &Cancel) -> Result<Moved> {
         let document = asked.document;
         let name = match self.motion {
             Motion::None => return Ok(Moved::default()),

@@ -6,6 +6,7 @@ use super::motion::{Asked, Motions};
 use super::plan::Read;
 use super::shot::{Layer, Shot, Target, View};
 use super::{DenoiseSettings, Guide};
+use crate::cancel::Cancel;
 use crate::denoise::contradiction;
 use crate::error::{Error, Result};
 use crate::formats::exr::{Document, LayerInfo};
@@ -14,7 +15,6 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Reader of the frames of a sequence.
 pub struct Reader<'r> {
@@ -34,7 +34,7 @@ impl Reader<'_> {
     ///
     /// # Errors
     /// If the file cannot be read, has not the layers that are asked for, or no finite pixel.
-    pub fn shot(&mut self, read: Read, cancel: &AtomicBool) -> Result<Shot> {
+    pub fn shot(&mut self, read: Read, cancel: &Cancel) -> Result<Shot> {
         let Read { frame, forward, write, again } = read;
         let path = &self.inputs[frame];
         let mut document = match self.held.take(frame) {

@@ -122,7 +122,7 @@ impl MotionSettings {
     /// # Errors
     /// If no frame can be begun.
     pub fn run(&self, context: &Context) -> Result<MotionReport> {
-        let cancel = context.cancel().polled();
+        let cancel = &context.cancel();
         let mut provenance = Provenance::begin(context).of("motion", self, &MANNER);
         let limits = self.limits;
         let numbers = self.numbers(&captures::load_within(&self.cameras, limits)?)?;

@@ -2,6 +2,7 @@
 
 use crate::app::render::between;
 use crate::app::volume;
+use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::{self, SceneVolume};
@@ -21,7 +22,6 @@ use crate::scene::transfer::Transfer;
 use crate::scene::volume::Volume;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Choices of a tracing beside its volumes and cameras.
 #[derive(Default)]
@@ -109,7 +109,7 @@ impl Tracing {
     ///
     /// # Errors
     /// If the volume cannot be read, or the work is interrupted.
-    pub fn film(&mut self, number: u32, cancel: &AtomicBool) -> Result<Film> {
+    pub fn film(&mut self, number: u32, cancel: &Cancel) -> Result<Film> {
         let at = self.numbers.binary_search(&number).unwrap_or(0).min(self.cameras.len() - 1);
         let input = self.volumes.as_ref().map_or_else(|| self.input.clone(), |pattern| pattern.path(number));
         let same = |last: &Loaded| last.path == input && last.only.is_none_or(|only| only == number);

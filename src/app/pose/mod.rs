@@ -213,7 +213,7 @@ impl PoseSettings {
         transforms::save(&self.output, &solved, &extra)?;
         if let Some(dir) = &self.report {
             let _stage = context.stage("report");
-            let page = page::page(&report, &solved, &targets, &renderer, &task.provenance, task.closing())?;
+            let page = page::page(&report, &solved, &targets, &renderer, &task.provenance, &task.closing())?;
             report.report = Some(page.write(dir)?);
         }
         for camera in &report.cameras {
@@ -258,8 +258,8 @@ impl PoseSettings {
         let begun = Instant::now();
         let tick = || bar.inc(1);
         let poses = match renderer {
-            AnyRenderer::Density(dvr) => solve(dvr, reference.as_ref(), targets, &request, task.stop().polled(), &tick),
-            AnyRenderer::PreShaded(volume) => solve(volume, None, targets, &request, task.stop().polled(), &tick),
+            AnyRenderer::Density(dvr) => solve(dvr, reference.as_ref(), targets, &request, &task.stop(), &tick),
+            AnyRenderer::PreShaded(volume) => solve(volume, None, targets, &request, &task.stop(), &tick),
         };
         let seconds = begun.elapsed().as_secs_f64();
         drop(bar);

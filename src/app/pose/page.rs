@@ -10,7 +10,6 @@ use crate::render::any_renderer::AnyRenderer;
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::capture::Capture;
 use crate::scene::film::Film;
-use std::sync::atomic::AtomicBool;
 
 /// Makes the page: how far each camera was moved, and its picture beside a render from where it stands now. Once the
 /// work is to stop, views are left out that are not rendered yet.
@@ -20,7 +19,7 @@ pub fn page(
     targets: &[Target],
     renderer: &AnyRenderer<'_>,
     provenance: &Provenance,
-    cancel: Cancel,
+    cancel: &Cancel,
 ) -> Result<Page> {
     let name = report.output.file_name().unwrap_or(report.output.as_os_str()).to_string_lossy();
     let mut page = Page::new(
@@ -57,14 +56,12 @@ pub fn page(
         .collect();
     let columns = ["Picture", "RMS before", "RMS after", "Rotated", "Moved, of distance", "Steps", "Directions of six"];
     page.table("Cameras", &columns, &rows);
-    let never = AtomicBool::new(false);
     let views = choose(&vec![false; targets.len()], MOST_VIEWS)
         .into_iter()
         .take_while(|_| !cancel.requested())
         .map(|i| {
             let (frame, target) = (&solved.frames[i], &targets[i]);
-            let flag = cancel.flag().unwrap_or(&never);
-            let Some(render) = renderer.picture(&frame.camera, target.rays_per_edge, flag) else { return Ok(None) };
+            let Some(render) = renderer.picture(&frame.camera, target.rays_per_edge, cancel) else { return Ok(None) };
             let picture = Film::of(render.width, render.height, target.rgba.clone());
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
             Ok(Some(ViewRow {

@@ -91,7 +91,7 @@ pub fn of_cameras(field: &Bricks<f32>, fit: Fit<'_>) -> Result<Option<Warning>> 
     let Request { medium, background, bounds, rays_per_edge, cancel, .. } = fit.request;
     let renderer = Dvr::new(field, medium.clone())?.over(*background);
     let (colors, points) = (Colors::from_medium(medium, *background), bounds.inner_corners());
-    let displacements = displacements(&renderer, fit.excerpts, &colors, &points, *rays_per_edge, *cancel);
+    let displacements = displacements(&renderer, fit.excerpts, &colors, &points, *rays_per_edge, cancel);
     Ok(if cancel.requested() { None } else { displacement::warning(&displacements, fit.excerpts) })
 }
 
@@ -134,13 +134,13 @@ impl Fit<'_> {
             .iter()
             .map(|(camera, measured)| MeasuredView { camera: *camera, rays_per_edge: *rays_per_edge, measured })
             .collect();
-        let by_group = confidence(renderer, &views, self.noise(), groups, self.request.cancel, tick);
+        let by_group = confidence(renderer, &views, self.noise(), groups, &self.request.cancel, tick);
         (by_group.unwrap_or_default(), warnings)
     }
 
     fn residual_warnings<I: Differentiable<Real = f32>>(self, renderer: &Composited<I>) -> Vec<Warning> {
         let Request { held_out, rays_per_edge, cancel, .. } = self.request;
-        let residuals = Residuals::new(renderer, self.excerpts, held_out, *rays_per_edge, *cancel);
+        let residuals = Residuals::new(renderer, self.excerpts, held_out, *rays_per_edge, cancel);
         residuals.map(|r| r.warnings()).unwrap_or_default()
     }
 

@@ -185,7 +185,7 @@ impl TransferFunctionSettings {
         drop((photos, field));
         {
             let _stage = context.stage("views");
-            self.compare_views(&mut run, limits, task.closing())?;
+            self.compare_views(&mut run, limits, &task.closing())?;
         }
         task.tell_stopped(run.stopped);
         Ok(run)
@@ -223,7 +223,7 @@ impl TransferFunctionSettings {
     }
 
     /// Compares renders with the held-out views, and writes the page if there is to be one.
-    fn compare_views(&self, run: &mut TransferRun, limits: Limits, closing: Cancel) -> Result<()> {
+    fn compare_views(&self, run: &mut TransferRun, limits: Limits, closing: &Cancel) -> Result<()> {
         let begun = Instant::now();
         let mut which = run.held_out.clone();
         if self.report.is_some() {
@@ -303,7 +303,7 @@ fn residual_warnings(
         .quadrature(request.quadrature)
         .over(request.background);
     let excerpts = Excerpt::all(photos);
-    let residuals = Residuals::new(&dvr, &excerpts, &request.held_out, request.rays_per_edge, request.cancel);
+    let residuals = Residuals::new(&dvr, &excerpts, &request.held_out, request.rays_per_edge, &request.cancel);
     Ok(residuals.map(|r| r.warnings()).unwrap_or_default())
 }
 

@@ -291,7 +291,7 @@ impl<'t> VolumeTask<'t> {
         };
         if let Some(dir) = self.page {
             let _stage = self.task.context.stage("report");
-            run.report = Some(page::write(dir, &run, self.task.limits, self.task.closing())?);
+            run.report = Some(page::write(dir, &run, self.task.limits, &self.task.closing())?);
         }
         self.task.tell_stopped(run.stopped);
         Ok(run)

@@ -387,7 +387,7 @@ impl Sequence<'_> {
         let renderer = self.pictures.renderer(shot.plan.as_ref(), &shot.scene, shot.paths)?;
         let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
         let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
-        let rendered = self.render.film(&renderer, number as usize, view, self.cancel, progress);
+        let rendered = self.render.film(&renderer, number as usize, view, &self.cancel, progress);
         let (film, counts) = rendered.ok_or_else(Error::cancelled)?;
         self.visibility.add(&film);
         self.inputs.extend(shot.provenance.inputs.clone());

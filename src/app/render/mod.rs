@@ -285,7 +285,7 @@ impl RenderSettings {
         let whole = pictures.whole(target, template.as_ref().and_then(|c| c.frames.get(numbers[0])));
         let views: Vec<_> = numbers.iter().zip(&scene.cameras).zip(&waiting).collect();
         let visibility = Visibility::default();
-        let counts = self.views(&renderer, &views, (whole, cancel), &provenance, &visibility, context)?;
+        let counts = self.views(&renderer, &views, (whole, &cancel), &provenance, &visibility, context)?;
         for remark in visibility.remarks(capture.transfer.is_some(), plan.as_ref()) {
             context.note(format!("remark: {remark}"));
             remarks.push(remark);
@@ -340,7 +340,7 @@ impl RenderSettings {
         &self,
         renderer: &Renderer<'_>,
         views: &[((&usize, &Camera), &Vec<PathBuf>)],
-        (whole, cancel): (Option<[usize; 2]>, Cancel),
+        (whole, cancel): (Option<[usize; 2]>, &Cancel),
         provenance: &Provenance,
         visibility: &Visibility,
         context: &Context,
@@ -424,12 +424,12 @@ impl RenderSettings {
         renderer: &Renderer<'_>,
         number: usize,
         view: View<'_>,
-        cancel: Cancel,
+        cancel: &Cancel,
         progress: &Picture<'_>,
     ) -> Option<(Film, Counts)> {
         let all = u64::from(view.camera.width) * u64::from(view.camera.height);
         let done = |pixels| progress.add(pixels, all);
-        let watch = Watch { cancel: cancel.polled(), done: Some(&done) };
+        let watch = Watch { cancel: &cancel, done: Some(&done) };
         match (renderer, &self.aov[..]) {
             (Renderer::Paths(paths), aovs) => {
                 let origin = self.pictures.crop.map_or([0; 2], |window| window.origin);

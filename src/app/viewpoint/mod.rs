@@ -11,6 +11,7 @@ use crate::app::task::Task;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::{ChosenUp, UpChoice};
 use crate::app::volume;
+use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::limits::Limits;
@@ -35,7 +36,6 @@ use serde_json::{Map, json};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 /// Settings of a search for the viewpoints from which a volume shows most.
@@ -205,7 +205,7 @@ impl ViewpointSettings {
         }
         let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), self.limits, context)?;
         task.provenance = Provenance::begin(context).of("viewpoint", self, &MANNER);
-        let (limits, cancel) = (task.limits, task.stop().polled());
+        let (limits, cancel) = (task.limits, &task.stop());
         let reading = context.stage("reading the volume");
         let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
         let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
@@ -358,7 +358,7 @@ impl ViewpointSettings {
         &self,
         dvr: &Composited<Dvr<'_, f32>>,
         request: &Request,
-        cancel: &AtomicBool,
+        cancel: &Cancel,
         tick: &(dyn Fn() + Sync),
     ) -> Option<Samples> {
         let begun = Instant::now();
@@ -392,13 +392,11 @@ impl ViewpointSettings {
         let quadrature = self.quadrature.unwrap_or_else(|| Quadrature::usual(&medium.source));
         let dvr = Dvr::new(field, medium)?.quadrature(quadrature).over(capture.background);
         // The views are worth their pictures even if the search was stopped.
-        let never = AtomicBool::new(false);
         let (closing, provenance) = (task.closing(), &mut task.provenance);
         let attributes = provenance.attributes();
         let (mut best, mut whole) = (None, true);
         for frame in &capture.frames[..rendered.min(capture.frames.len())] {
-            let flag = closing.flag().unwrap_or(&never);
-            let Some(film) = crate::render::picture(&dvr, &frame.camera, 1, flag) else {
+            let Some(film) = crate::render::picture(&dvr, &frame.camera, 1, &closing) else {
                 whole = false;
                 break;
             };

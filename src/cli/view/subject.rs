@@ -4,6 +4,7 @@ use super::View;
 use super::slices::magnitude;
 use crate::app::pictures::DensityScale;
 use crate::app::volume;
+use crate::cancel::Cancel;
 use crate::cli::cancel;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -112,7 +113,7 @@ impl Subject {
             let ray = |x: usize| camera.ray(place(x, camera.width), place(*y, camera.height));
             (0..PROBES).map(|x| dvr.li(&ray(x), scratch).depth).collect::<Vec<f64>>()
         };
-        tiles::map(&rows, None, Default::default, row).map(|rows| rows.concat())
+        tiles::map(&rows, &Cancel::NEVER, Default::default, row).map(|rows| rows.concat())
     }
 
     /// Returns the extinction per unit of density for a camera: that of the options, or the one at which the picture
@@ -137,7 +138,7 @@ impl Subject {
             ..Scene::default()
         };
         let renderer = AnyRenderer::new(&scene, quadrature)?.early_stop(EARLY_STOP);
-        renderer.picture(camera, RAYS, cancel::listen()).ok_or_else(Error::cancelled)
+        renderer.picture(camera, RAYS, &cancel::listen()).ok_or_else(Error::cancelled)
     }
 }
 

@@ -1,5 +1,6 @@
 //! Derivatives of a picture with respect to its camera, pixel by pixel: rows of the Jacobian.
 
+use crate::cancel::Cancel;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
 use crate::render::differentiable::RayGradient;
@@ -7,7 +8,6 @@ use crate::render::order::morton;
 use crate::render::tiles::{self, Subpixels};
 use crate::scene::camera::{Camera, CameraGradient};
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Pixels processed in one run. Small pictures need many runs, so that all threads have some.
 const RUN: usize = 256;
@@ -24,7 +24,7 @@ pub struct Rows<'r, I> {
     /// Rays along each edge of a pixel, whose value is the mean over the square of that number.
     pub rays_per_edge: usize,
     /// Polled between pixels: once it is set the remaining pixels are left out, and sums are incomplete.
-    pub cancel: &'r AtomicBool,
+    pub cancel: &'r Cancel,
 }
 
 /// Receives a pixel: its row-major number, red, green, blue and alpha, and its derivatives by loss.
@@ -54,7 +54,7 @@ impl<I: Differentiable<Real = f32>> Rows<'_, I> {
             Run { rows: self, pixels: &selected, losses, visit }.walk(tape);
             sum
         };
-        tiles::map(&tiles::runs(order.len(), RUN), None, I::Scratch::default, run).unwrap_or_default()
+        tiles::map(&tiles::runs(order.len(), RUN), &Cancel::NEVER, I::Scratch::default, run).unwrap_or_default()
     }
 }
 
@@ -73,7 +73,7 @@ impl<I: Differentiable<Real = f32>> Run<'_, I> {
         let share = 1.0 / rays.count() as f64;
         let mut by = vec![CameraGradient::default(); self.losses.len()];
         for &i in self.pixels {
-            if cancel.load(Ordering::Relaxed) {
+            if cancel.requested() {
                 return;
             }
             let mut rendered = [0.0; 4];

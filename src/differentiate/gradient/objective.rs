@@ -2,6 +2,7 @@
 //! precision. (The loops of reconstructions are in [`pictures`](super::pictures): `f32`, local losses, compiled for
 //! each instruction set.)
 
+use crate::cancel::Cancel;
 use crate::differentiate::loss::{Loss, Reach, Rgba};
 use crate::dual::Dual;
 use crate::real::Real;
@@ -121,7 +122,7 @@ impl Objective<'_> {
             let runs = tiles::runs(self.pixels(view), RUN);
             tiles::partitions(
                 &mut parts,
-                None,
+                &Cancel::NEVER,
                 |part| tiles::dealt(&runs, part, PARTS),
                 |_| I::Scratch::default(),
                 |own, tape, run| {
@@ -197,7 +198,7 @@ impl Objective<'_> {
                 }
                 sum
             };
-            let parts = tiles::map(&tiles::runs(self.pixels(view), RUN), None, I::Scratch::default, of_run);
+            let parts = tiles::map(&tiles::runs(self.pixels(view), RUN), &Cancel::NEVER, I::Scratch::default, of_run);
             sum = parts.into_iter().flatten().fold(sum, |sum, part| sum + part);
         }
         (sum.value, sum.tangent[..directions.len()].to_vec())
@@ -343,7 +344,7 @@ impl Objective<'_> {
         pixel: impl Fn(&mut S, usize) -> T + Sync + Send,
     ) -> Vec<T> {
         let run = |scratch: &mut S, run: &Range<usize>| run.clone().map(|i| pixel(scratch, i)).collect::<Vec<T>>();
-        let runs = tiles::map(&tiles::runs(self.pixels(view), RUN), None, scratch, run);
+        let runs = tiles::map(&tiles::runs(self.pixels(view), RUN), &Cancel::NEVER, scratch, run);
         runs.into_iter().flatten().flatten().collect()
     }
 

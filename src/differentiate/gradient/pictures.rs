@@ -94,7 +94,7 @@ pub fn gradient<I: Differentiable<Real = f32>>(
     let mut own: Vec<Work<'_, I>> = accumulators.divided(count, voxels.as_deref_mut());
     let sums: Vec<Sums<'_, I::Voxel>> = tiles::partitions(
         &mut own,
-        cancel.flag(),
+        &cancel,
         |number| parts.tiles[number].iter(),
         |(_, voxels, _)| Sums {
             voxels: voxels.take(),
@@ -270,11 +270,9 @@ impl<I: Differentiable<Real = f32>> Run<'_, '_, I> {
 
 /// Returns the sum of squared differences of the colors over all pixels that are finite; infinite once the work is
 /// cancelled.
-pub fn error(renderer: &Composited<impl Differentiable<Real = f32>>, targets: &[&Target], cancel: Cancel) -> f64 {
-    let never = std::sync::atomic::AtomicBool::new(false);
-    let flag = cancel.flag().unwrap_or(&never);
+pub fn error(renderer: &Composited<impl Differentiable<Real = f32>>, targets: &[&Target], cancel: &Cancel) -> f64 {
     let squared_error = |t: &&Target| -> f64 {
-        let Some(film) = crate::render::picture(renderer, &t.camera, t.rays_per_edge, flag) else {
+        let Some(film) = crate::render::picture(renderer, &t.camera, t.rays_per_edge, cancel) else {
             return f64::INFINITY;
         };
         let square = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();

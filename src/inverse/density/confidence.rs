@@ -56,7 +56,7 @@ pub fn confidence<I>(
     views: &[MeasuredView<'_>],
     noise: f64,
     groups: &[Group<'_>],
-    cancel: Cancel,
+    cancel: &Cancel,
     mut tick: impl FnMut(usize, usize),
 ) -> Option<Vec<Vec<f32>>>
 where
@@ -82,7 +82,7 @@ where
             let end = first + views[first..].iter().take_while(fits).count().max(1);
             let signed: Vec<Target> = (first..end).into_par_iter().map(|v| signs(&views[v], v, probe)).collect();
             let signed: Vec<&Target> = signed.iter().collect();
-            let mut gradients = Gradients { voxels: Some(&mut stored), cancel, ..Gradients::default() };
+            let mut gradients = Gradients { voxels: Some(&mut stored), cancel: cancel.clone(), ..Gradients::default() };
             pictures::gradient(renderer, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
             if cancel.requested() {
                 return None;

@@ -33,7 +33,7 @@ pub fn unknowns(
     limit: usize,
 ) -> Result<(Topology, Vec<bool>)> {
     let (topology, unknown) =
-        Hull::new(observation).cancel(request.cancel).unknowns(lattice, &request.bounds, limit)?;
+        Hull::new(observation).cancel(request.cancel.clone()).unknowns(lattice, &request.bounds, limit)?;
     let Source::Transfer(table) = &request.medium.source else { return Ok((topology, unknown)) };
     if table.at(0.0)[3] == 0.0 {
         return Ok((topology, unknown));
@@ -227,7 +227,8 @@ impl Fit {
         };
         self.stored.fill(0.0);
         let dvr = model.renderer(&self.field)?;
-        let mut gradients = Gradients { voxels: Some(&mut self.stored), cancel: self.cancel, ..Gradients::default() };
+        let mut gradients =
+            Gradients { voxels: Some(&mut self.stored), cancel: self.cancel.clone(), ..Gradients::default() };
         let (sum, _) = pictures::gradient(&dvr, batch, &shared, Adjoint::Tape, &mut self.accumulators, &mut gradients);
         if self.cancel.requested() {
             return Ok(f64::NAN);
@@ -247,7 +248,7 @@ impl Fit {
     /// If the medium cannot be used.
     pub fn psnr(&self, targets: &[&Target], model: &ForwardModel<'_>) -> Result<f64> {
         let values: usize = targets.iter().map(|t| 3 * t.rgba.len()).sum();
-        let square = pictures::error(&model.renderer(&self.field)?, targets, self.cancel);
+        let square = pictures::error(&model.renderer(&self.field)?, targets, &self.cancel);
         if !square.is_finite() && self.cancel.requested() {
             return Ok(f64::NAN);
         }

@@ -89,12 +89,12 @@ impl Level {
         let per_brick = (LEAF_VOXELS * 10 + BRICK * 4) * size_of::<f32>();
         let limit = (request.max_memory / per_brick as u64) as usize;
         let (topology, unknown) =
-            Hull::new(observation).cancel(request.cancel).unknowns(&lattice, &request.bounds, limit)?;
+            Hull::new(observation).cancel(request.cancel.clone()).unknowns(&lattice, &request.bounds, limit)?;
         let topology = Arc::new(topology);
         // Pixels of coarser levels are means of many already; one ray is as good as their model gets.
         let rays = if level == 0 { request.rays_per_edge } else { 1 };
         let mut projector = Projector::new(topology.clone(), lattice, request.medium.extinction, rays);
-        projector.cancel = request.cancel;
+        projector.cancel = request.cancel.clone();
         let (held_out, train): (Vec<_>, Vec<_>) =
             observation.maps.iter().enumerate().partition(|(i, _)| request.held_out.contains(i));
         let mut views = |maps: Vec<(usize, &DepthMap)>| {
@@ -114,7 +114,7 @@ impl Level {
             None => vec![0.0; unknown.len()],
         };
         let mut smoother = Smoother::new(&topology, passes, 0.2);
-        smoother.cancel = request.cancel;
+        smoother.cancel = request.cancel.clone();
         Ok(Self {
             projector,
             smoother,

@@ -79,7 +79,7 @@ pub fn reconstruct(
             stages.push(Stage { name: format!("level {level}: solve"), seconds: begun.elapsed().as_secs_f64() });
             stopped = done.stopped;
             passes = work.smoother.passes;
-            work.projector.cancel = request.closing;
+            work.projector.cancel = request.closing.clone();
             let psnr = work.psnr(&done.voxels);
             (work.field(done.voxels), psnr)
         };

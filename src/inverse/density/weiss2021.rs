@@ -81,7 +81,7 @@ pub fn reconstruct(
         descend(&mut fit, level, &views, &model, request, &mut progress)?;
         progress.stage(format!("level {level}: Adam"), begun);
         if level == 0 || progress.stopped {
-            fit.cancel = request.closing;
+            fit.cancel = request.closing.clone();
             return Ok(Outcome {
                 train_psnr_db: views.train_psnr(&fit, &model)?,
                 held_out_psnr_db: views.held_out_psnr(&fit, &model)?,
@@ -106,7 +106,7 @@ fn descend(
     request: &Request,
     progress: &mut Progress<'_>,
 ) -> Result<()> {
-    fit.cancel = request.cancel;
+    fit.cancel = request.cancel.clone();
     let epochs = if level == 0 { request.iterations } else { COARSE_EPOCHS.min(request.iterations) };
     for epoch in 0..epochs {
         for batch in batches(&views.train, BATCH, epoch) {

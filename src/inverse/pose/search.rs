@@ -5,6 +5,7 @@
 //! So each has a Gaussian prior around where it began, with a weight by what its picture leaves unexplained, until the
 //! full pictures decide alone. A camera whose picture stays unexplained begins again from places around.
 
+use crate::cancel::Cancel;
 use crate::differentiate::gradient::camera_jacobian::Rows;
 use crate::differentiate::gradient::pictures::Target;
 use crate::inverse::observation::plane::Plane;
@@ -16,7 +17,6 @@ use crate::render::differentiable::Differentiable;
 use crate::scene::camera::Camera;
 use glam::DVec3;
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Steps (radians, shares of the distance) below which a search ends, on full pictures, there with a reference, and
 /// where another search follows.
@@ -89,7 +89,7 @@ pub fn solve<I: Differentiable<Real = f32>>(
     reference: Option<&Composited<I>>,
     targets: &[Target],
     request: &Request<'_>,
-    cancel: &AtomicBool,
+    cancel: &Cancel,
     tick: &(dyn Fn() + Sync),
 ) -> Vec<PoseEstimate> {
     let search = |group: &[Target]| Search::new(renderer, reference, group, request, cancel).run(tick);
@@ -122,7 +122,7 @@ struct Search<'s, I> {
     renderer: &'s Composited<I>,
     reference: Option<&'s Composited<I>>,
     request: &'s Request<'s>,
-    cancel: &'s AtomicBool,
+    cancel: &'s Cancel,
     pyramids: Vec<Vec<Target>>,
     /// Cameras of the full pictures, where the search begins.
     starts: Vec<Camera>,
@@ -137,7 +137,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
         reference: Option<&'s Composited<I>>,
         targets: &[Target],
         request: &'s Request<'s>,
-        cancel: &'s AtomicBool,
+        cancel: &'s Cancel,
     ) -> Self {
         let distance = |t: &Target| t.camera.position().distance(request.centre).max(f64::MIN_POSITIVE);
         Self {
@@ -304,7 +304,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
     }
 
     fn cancelled(&self) -> bool {
-        self.cancel.load(Ordering::Relaxed)
+        self.cancel.requested()
     }
 
     /// Normal equations of cameras of full pictures on pictures of a level, or the smallest there are.

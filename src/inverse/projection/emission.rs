@@ -156,10 +156,11 @@ impl<'a> Emission<'a> {
         let renderer = Preshaded::new(&self.field).over(background);
         let runs: Vec<(&Camera, &[Pixel])> =
             views.iter().flat_map(|v| v.pixels.chunks(RUN).map(|p| (&v.camera, p))).collect();
-        let (count, offsets, arch, cancel) = (self.partitions.len(), &self.offsets, Arch::default(), self.cancel);
+        let (count, offsets, arch, cancel) =
+            (self.partitions.len(), &self.offsets, Arch::default(), self.cancel.clone());
         let sums = tiles::partitions(
             &mut self.partitions,
-            cancel.flag(),
+            &cancel,
             |number| tiles::dealt(&runs, number, count),
             |gradient| {
                 if with_gradient {

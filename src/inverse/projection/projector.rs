@@ -100,7 +100,7 @@ impl Projector {
         self.topology.fill_apron(&ones, &mut self.field.values);
         let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return Vec::new() };
         let dvr = dvr.early_stop(0.0);
-        let (arch, cancel) = (Arch::default(), self.cancel);
+        let (arch, cancel) = (Arch::default(), self.cancel.clone());
         let view = |(tape, depths): &mut (Tape<f32>, Vec<f64>), map: &&DepthMap| {
             let map = map.reduced(map.stride_within(stride));
             let measured = map.depths();
@@ -131,7 +131,7 @@ impl Projector {
             idle.shrink_to_fit();
             View { camera: map.camera, samples, idle, noise: map.noise }
         };
-        tiles::map(maps, None, || (Tape::default(), vec![0.0; self.offsets.len()]), view).unwrap_or_default()
+        tiles::map(maps, &Cancel::NEVER, || (Tape::default(), vec![0.0; self.offsets.len()]), view).unwrap_or_default()
     }
 
     /// Walks the rays of every pixel of the given views once, but for the idle ones. `cotangent(sample, depths)` maps
@@ -191,7 +191,7 @@ impl Projector {
         };
         let runs: Vec<&[Sample]> = view.samples.chunks(RUN).collect();
         let scratch = || (Tape::default(), vec![0.0; offsets.len()]);
-        tiles::map(&runs, self.cancel.flag(), scratch, of_run).unwrap_or_default().concat()
+        tiles::map(&runs, &self.cancel, scratch, of_run).unwrap_or_default().concat()
     }
 
     fn walk(
@@ -207,10 +207,10 @@ impl Projector {
         let runs: Vec<(&Camera, &[Sample])> =
             views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();
         let (count, offsets) = (self.partitions.len(), &self.offsets);
-        let (arch, cancel) = (Arch::default(), self.cancel);
+        let (arch, cancel) = (Arch::default(), self.cancel.clone());
         let sums = tiles::partitions(
             &mut self.partitions,
-            cancel.flag(),
+            &cancel,
             |number| tiles::dealt(&runs, number, count),
             |gradient| {
                 if with_gradient {

@@ -29,7 +29,6 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 use nalgebra::DVector;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
-use std::sync::atomic::AtomicBool;
 
 /// Voxels along the longest edge on the coarsest level, at least.
 const COARSEST: f64 = 24.0;
@@ -159,7 +158,7 @@ fn densities(
 ) -> Result<Bricks<f32>> {
     let lattice = lattice::coarser(&request.lattice, level)?;
     let request = Request { lattice, held_out: Vec::new(), iterations, init, ..request.clone() };
-    let cancel = request.cancel;
+    let cancel = request.cancel.clone();
     let watch = |_: &Step| match cancel.requested() {
         true => ControlFlow::Break(()),
         false => ControlFlow::Continue(()),
@@ -207,13 +206,12 @@ fn normal(
     colors: &Colors,
     request: &Request,
 ) -> Normal {
-    let never = AtomicBool::new(false);
     let rows = Rows {
         renderer,
         reference: None,
         camera: &map.camera,
         rays_per_edge: request.rays_per_edge,
-        cancel: request.cancel.flag().unwrap_or(&never),
+        cancel: &request.cancel,
     };
     // An odd stride does not fall into columns.
     let stride = (rows.pixels() / PIXELS).max(1) | 1;

@@ -179,7 +179,7 @@ pub fn densities(
     scale: f64,
     topology: &Arc<Topology>,
     unknown: &[bool],
-    cancel: Cancel,
+    cancel: &Cancel,
 ) -> Result<Bricks<f32>> {
     let samples = Samples::new(table, scale);
     let extent = volume.topology.bounds().size().max_element();
@@ -241,7 +241,7 @@ impl Level {
     }
 
     /// Improves all voxels' densities in turn, and returns them.
-    fn relax(&mut self, samples: &Samples, start: Option<Vec<f32>>, cancel: Cancel) -> Bricks<f32> {
+    fn relax(&mut self, samples: &Samples, start: Option<Vec<f32>>, cancel: &Cancel) -> Bricks<f32> {
         let neighbours = Neighbours::new(&self.densities.topology);
         let (targets, unknown) = (&self.targets, &self.unknown);
         let begin = |cost: &mut Vec<f32>, voxel: usize| match &start {

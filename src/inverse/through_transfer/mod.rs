@@ -78,7 +78,7 @@ pub fn reconstruct(
             let volume = colors(photos, observation, request, &mut progress)?;
             let begun = Instant::now();
             let matched =
-                matching::densities(&volume, table, request.medium.extinction, &topology, &unknown, request.cancel)?;
+                matching::densities(&volume, table, request.medium.extinction, &topology, &unknown, &request.cancel)?;
             progress.stage("densities of the colors", begun);
             matched.owned()
         }
@@ -90,7 +90,7 @@ pub fn reconstruct(
     let model = ForwardModel { medium: &request.medium, background: request.background, quadrature };
     let mut fit = Fit::new(topology, lattice, &unknown, &densities, range, RATE);
     let best = descend(&mut fit, &views, &model, request, &mut progress)?;
-    fit.cancel = request.closing;
+    fit.cancel = request.closing.clone();
     progress.stage("descent", begun);
     Ok(Outcome {
         train_psnr_db: views.train_psnr(&fit, &model)?,
@@ -130,7 +130,7 @@ fn descend(
         if views.held_out.is_empty() { &views.train } else { &views.held_out }.iter().collect();
     let prior = request.prior.unwrap_or(PRIOR);
     let mut rate = RATE;
-    fit.cancel = request.cancel;
+    fit.cancel = request.cancel.clone();
     let mut best = (fit.psnr(&compared, model)?, fit.field.clone());
     progress.stopped |= request.cancel.requested();
     for epoch in 0..request.iterations {

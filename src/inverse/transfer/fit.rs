@@ -48,7 +48,7 @@ impl<'a> Fit<'a> {
             Rays::draw(photos, |i| !is_held_out(i), Draw { count: request.rays, per_edge: request.rays_per_edge });
         let some = Draw { count: request.rays / 8, per_edge: request.rays_per_edge };
         let mut held_out = Rays::draw(photos, is_held_out, some);
-        (used.cancel, held_out.cancel) = (request.cancel, request.cancel);
+        (used.cancel, held_out.cancel) = (request.cancel.clone(), request.cancel.clone());
         if used.is_empty() {
             return Err(Error::invalid("no pixel of the used views has finite values")
                 .hint("check the pictures with `cumulo validate`"));

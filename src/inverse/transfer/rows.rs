@@ -2,6 +2,7 @@
 
 use super::normal::{Normal, Row, Sums, bounded};
 use super::rays::Rays;
+use crate::cancel::Cancel;
 use crate::render::composited::Composited;
 use crate::render::dvr::{ByKnot, Dvr, TableJacobian, Tape};
 use crate::render::tiles;
@@ -65,7 +66,7 @@ pub(super) fn lengths(non_absorbing: &Composited<Dvr<'_, f32>>, rays: &Rays, tex
         };
         run.clone().map(of_pixel).collect::<Vec<Lengths>>()
     };
-    let runs = tiles::map(&tiles::runs(rays.len(), RUN), rays.cancel.flag(), || Scratch::new(texels), of_run);
+    let runs = tiles::map(&tiles::runs(rays.len(), RUN), &rays.cancel, || Scratch::new(texels), of_run);
     // Nobody reads the rows once the work is to stop.
     runs.map_or_else(|| vec![Lengths::new(); rays.len()], |runs| runs.concat())
 }
@@ -156,7 +157,7 @@ fn sums(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, scale: f64, texels: usize, 
     };
     tiles::partitions(
         &mut vec![(Scratch::new(texels), vec![Row::default(); BATCH]); PARTITIONS],
-        rays.cancel.flag(),
+        &rays.cancel,
         of_partition,
         |_| Sums::zeros(texels),
         |(scratch, rows), sums, pixels| {
@@ -204,7 +205,7 @@ fn sum(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, square: impl Fn([f64; 4]) ->
         };
         part.clone().take_while(|_| !rays.cancel.requested()).map(of).sum::<f64>()
     };
-    tiles::map(&tiles::runs(rays.len(), part), None, Tape::default, of_part).into_iter().flatten().sum()
+    tiles::map(&tiles::runs(rays.len(), part), &Cancel::NEVER, Tape::default, of_part).into_iter().flatten().sum()
 }
 
 /// Returns the sum of all four channels' squared differences over all pixels.

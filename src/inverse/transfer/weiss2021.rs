@@ -139,7 +139,7 @@ fn absolute(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, texels: usize) -> (f64,
     let share = 1.0 / (rays.len() * rays.per_pixel) as f32;
     let parts = tiles::partitions(
         &mut vec![(Tape::default(), ParameterGradient::default()); PARTITIONS],
-        rays.cancel.flag(),
+        &rays.cancel,
         |partition| (partition..rays.len()).step_by(PARTITIONS),
         |_| (0.0, TableGradient::of_knots(texels)),
         |(tape, shared), (square, table), pixel| {

@@ -9,6 +9,7 @@
 
 pub mod entropy;
 
+use crate::cancel::Cancel;
 use crate::differentiate::gradient::camera_jacobian::Rows;
 use crate::inverse::solver::ascent::{Ascent, Evaluation};
 use crate::render::composited::Composited;
@@ -18,7 +19,6 @@ use crate::scene::up::Up;
 use entropy::Entropy;
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Number of initial samples, for each start: where pictures are halved at least once, and else.
@@ -112,12 +112,7 @@ pub struct Outcome {
 
 /// Climbs from every start. `tick` is told of every initial sample, and of every start and every size of picture that
 /// it has been through: as often as [`ticks`] says. Once `cancel` is set searches stay where they are.
-pub fn search(
-    dvr: &Composited<Dvr<'_, f32>>,
-    request: &Request,
-    cancel: &AtomicBool,
-    tick: &(dyn Fn() + Sync),
-) -> Outcome {
+pub fn search(dvr: &Composited<Dvr<'_, f32>>, request: &Request, cancel: &Cancel, tick: &(dyn Fn() + Sync)) -> Outcome {
     let begun = Instant::now();
     let sampled_starts = sampled_starts(dvr, request, cancel, tick);
     let starts: Vec<DMat3> =
@@ -154,7 +149,7 @@ pub fn search(
     let mut pictures = 0;
     let mut views: Vec<(&LocalSearch, View)> = Vec::new();
     for (number, search) in searches.iter().enumerate() {
-        let about = if number < HIGHEST && !cancel.load(Ordering::Relaxed) { ABOUT } else { 0 };
+        let about = if number < HIGHEST && !cancel.requested() { ABOUT } else { 0 };
         let mut places = about_a_place(&search.ascent.axes, about, &request.sphere);
         places.retain(|axes| request.allows(axes.z_axis));
         pictures += places.len();
@@ -162,7 +157,7 @@ pub fn search(
             let entropy = entropy_at(dvr, &request.sphere, axes, cancel);
             // A search that was stopped keeps the entropy that its ascent evaluated last.
             let last = Entropy { value: search.ascent.value.unwrap_or(0.0), by_turn: DVec3::ZERO, blank: false };
-            View { axes: *axes, entropy: if cancel.load(Ordering::Relaxed) { last } else { entropy } }
+            View { axes: *axes, entropy: if cancel.requested() { last } else { entropy } }
         });
         // The first of equals.
         let best = candidates.reduce(|a, b| if b.entropy.value > a.entropy.value { b } else { a });
@@ -178,7 +173,7 @@ pub fn search(
         }
     }
     let views = views.into_iter().map(|(_, view)| view).collect();
-    let stopped = cancel.load(Ordering::Relaxed);
+    let stopped = cancel.requested();
     Outcome { views, paths, seconds: begun.elapsed().as_secs_f64(), render_seconds, stopped }
 }
 
@@ -206,7 +201,7 @@ fn initial_samples(request: &Request) -> Vec<DVec3> {
 fn sampled_starts(
     dvr: &Composited<Dvr<'_, f32>>,
     request: &Request,
-    cancel: &AtomicBool,
+    cancel: &Cancel,
     tick: &(dyn Fn() + Sync),
 ) -> Vec<DVec3> {
     let level = sizes(&request.sphere).next().unwrap_or(0);
@@ -237,7 +232,7 @@ pub fn sample(
     dvr: &Composited<Dvr<'_, f32>>,
     request: &Request,
     count: usize,
-    cancel: &AtomicBool,
+    cancel: &Cancel,
     tick: &(dyn Fn() + Sync),
 ) -> Option<Vec<(DVec3, f64)>> {
     entropies_of(dvr, &request.sphere, &request.spread(count), cancel, tick)
@@ -248,16 +243,16 @@ fn entropies_of(
     dvr: &Composited<Dvr<'_, f32>>,
     sphere: &Sphere,
     directions: &[DVec3],
-    cancel: &AtomicBool,
+    cancel: &Cancel,
     tick: &(dyn Fn() + Sync),
 ) -> Option<Vec<(DVec3, f64)>> {
     let of = |direction: &DVec3| {
-        if cancel.load(Ordering::Relaxed) {
+        if cancel.requested() {
             return None;
         }
         tick();
         let value = entropy_at(dvr, sphere, &upright(*direction, sphere.up), cancel).value;
-        (!cancel.load(Ordering::Relaxed)).then_some((*direction, value))
+        (!cancel.requested()).then_some((*direction, value))
     };
     directions.par_iter().map(of).collect()
 }
@@ -289,7 +284,7 @@ fn climb(
     sphere: &Sphere,
     ascent: &mut Ascent,
     [pixels, rise]: [f64; 2],
-    cancel: &AtomicBool,
+    cancel: &Cancel,
 ) {
     // Upright at first, never on the way: pixels that turn would be a step in the entropy.
     let axes = levelled(&ascent.axes, sphere.up);
@@ -298,7 +293,7 @@ fn climb(
         if !request.allows(axes.z_axis) {
             return Some(Evaluation { value: BELOW, gradient: DVec2::ZERO });
         }
-        if cancel.load(Ordering::Relaxed) {
+        if cancel.requested() {
             return None;
         }
         let camera = sphere.camera(axes);
@@ -306,7 +301,7 @@ fn climb(
             &Rows { renderer: dvr, reference: None, camera: &camera, rays_per_edge: 1, cancel },
             sphere.centre,
         );
-        if cancel.load(Ordering::Relaxed) {
+        if cancel.requested() {
             return None;
         }
         // A turn about the line of sight changes nothing but the pixels' places.
@@ -334,7 +329,7 @@ fn merged(mut searches: Vec<LocalSearch>, near: f64) -> Vec<LocalSearch> {
 }
 
 /// Entropy of a view; that of a part of its pixels once `cancel` is set.
-fn entropy_at(dvr: &Composited<Dvr<'_, f32>>, sphere: &Sphere, axes: &DMat3, cancel: &AtomicBool) -> Entropy {
+fn entropy_at(dvr: &Composited<Dvr<'_, f32>>, sphere: &Sphere, axes: &DMat3, cancel: &Cancel) -> Entropy {
     entropy::value(&Rows { renderer: dvr, reference: None, camera: &sphere.camera(axes), rays_per_edge: 1, cancel })
 }
 
@@ -346,7 +341,7 @@ mod tests {
     use crate::scene::medium::Medium;
     use glam::IVec3;
     use std::sync::Arc;
-    use std::sync::atomic::AtomicUsize;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
     fn searches_meet_and_the_higher_one_goes_on() {
@@ -384,7 +379,7 @@ mod tests {
             let tick = || {
                 ticked.fetch_add(1, Ordering::Relaxed);
             };
-            let outcome = search(&dvr, &request, &AtomicBool::new(false), &tick);
+            let outcome = search(&dvr, &request, &Cancel::NEVER, &tick);
             assert_eq!(outcome.paths.len(), 4);
             assert_eq!(ticked.into_inner(), ticks(&request), "pictures of {size}");
         }

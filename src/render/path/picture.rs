@@ -9,7 +9,6 @@ use crate::scene::camera::Camera;
 use crate::scene::film::{Film, Moments, Plane};
 use crate::scene::velocity::Velocity;
 use glam::{DVec2, DVec3, Vec2, Vec3};
-use std::sync::atomic::Ordering;
 
 /// Which paths a picture is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -205,7 +204,7 @@ impl PathTracer<'_> {
             scratch.counts = Counts::default();
             for number in 0..count / each {
                 // A pixel of many paths must not keep an interrupted program waiting.
-                if number % RAYS_BETWEEN_LOOKS == 0 && watch.cancel.load(Ordering::Relaxed) {
+                if number % RAYS_BETWEEN_LOOKS == 0 && watch.cancel.requested() {
                     break;
                 }
                 let (half, seed) = paths.of_ray(number, sampling.seed);

@@ -67,7 +67,7 @@ const MAX_BYTES: u64 = 1 << 26;
 ///
 /// # Errors
 /// If the volume or the pictures cannot be read, or the files cannot be written.
-pub fn write(dir: &Path, run: &Run, limits: Limits, cancel: Cancel) -> Result<PathBuf> {
+pub fn write(dir: &Path, run: &Run, limits: Limits, cancel: &Cancel) -> Result<PathBuf> {
     keep(dir, &Record::Volume(Run { capture: absolute(&run.capture), output: absolute(&run.output), ..run.clone() }))?;
     volume::page(run, limits, None, None, cancel)?.0.write(dir)
 }

@@ -22,7 +22,6 @@ use crate::scene::transfer::Transfer;
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Reads the volume with all of its box, since the function may absorb where the density is zero.
 ///
@@ -67,7 +66,7 @@ pub fn views(
     numbers: &[usize],
     limits: Limits,
     beside: Option<&Beside>,
-    cancel: Cancel,
+    cancel: &Cancel,
 ) -> Result<Vec<View>> {
     let capture = captures::load(&run.capture)?;
     let function = transfer::load(&run.output, &Options::default())?.transfer;
@@ -77,12 +76,10 @@ pub fn views(
         .quadrature(run.quadrature)
         .over(capture.background);
     let rays = run::rays_per_edge(capture.pixel_filter);
-    let never = AtomicBool::new(false);
     let frames = numbers.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
     let view = |(i, frame): (usize, &Frame)| {
         let picture = photos::picture(&frame.picture, run.layer.as_deref(), &capture, limits)?;
-        let flag = cancel.flag().unwrap_or(&never);
-        let Some(render) = render::picture(&dvr, &frame.camera, rays, flag) else { return Ok(None) };
+        let Some(render) = render::picture(&dvr, &frame.camera, rays, cancel) else { return Ok(None) };
         let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
         let row = ViewRow {
             name: frame.picture.file_stem().unwrap_or_default().to_string_lossy().into_owned(),

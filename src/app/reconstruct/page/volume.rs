@@ -24,7 +24,6 @@ use glam::Vec4;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 /// Error of a reconstructed volume against a reference.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
@@ -54,7 +53,7 @@ pub fn page(
     limits: Limits,
     reference: Option<&Grid>,
     beside: Option<&Beside>,
-    cancel: Cancel,
+    cancel: &Cancel,
 ) -> Result<(Page, Option<VolumeError>)> {
     let volume = Reconstruction::read(run, limits)?;
     let rows = rows(run, &volume, beside, limits, cancel)?;
@@ -94,7 +93,7 @@ pub fn page(
 const CONFIDENCE_LABEL: &str = "confidence, 0 to 1";
 
 /// Reads the pictures of all cameras, or as many as a page shows, evenly spaced, and reduces them.
-fn thumbnails(run: &Run, capture: &Capture, limits: Limits, cancel: Cancel) -> Result<Vec<Thumbnail>> {
+fn thumbnails(run: &Run, capture: &Capture, limits: Limits, cancel: &Cancel) -> Result<Vec<Thumbnail>> {
     let views = capture.frames.len();
     let chosen = choose(&vec![false; views], MOST_THUMBNAILS);
     let thumbnail = |i: usize| {
@@ -246,19 +245,17 @@ fn rows(
     volume: &Reconstruction,
     beside: Option<&Beside>,
     limits: Limits,
-    cancel: Cancel,
+    cancel: &Cancel,
 ) -> Result<Vec<ViewRow>> {
     let (capture, renderer) = (&volume.capture, volume.renderer()?);
     let rays = run::rays_per_edge(capture.pixel_filter);
-    let never = AtomicBool::new(false);
     let shown = run.shown.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
     shown
         .take_while(|_| !cancel.requested())
         .map(|(i, frame)| {
             let picture = photos::picture(&frame.picture, run.layer.as_deref(), capture, limits)?;
             let picture = if volume.by_alpha { picture.by_alpha() } else { picture };
-            let flag = cancel.flag().unwrap_or(&never);
-            let Some(render) = renderer.picture(&frame.camera, rays, flag) else { return Ok(None) };
+            let Some(render) = renderer.picture(&frame.camera, rays, cancel) else { return Ok(None) };
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
             let extra = extra(beside, &frame.camera, limits)?;
             Ok(Some(ViewRow {
