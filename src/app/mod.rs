@@ -5,6 +5,7 @@
 //! shows the progress and words the report and the errors.
 
 pub mod checks;
+pub mod compare;
 pub mod context;
 pub mod convert;
 pub mod denoise;

@@ -36,6 +36,7 @@ pub mod view;
 pub mod viewpoint;
 mod words;
 
+use crate::app::compare::CompareSettings;
 use crate::app::convert::ConvertSettings;
 use crate::app::denoise::DenoiseSettings;
 use crate::app::inputs;
@@ -94,7 +95,7 @@ pub struct Global {
 enum Command {
     #[command(subcommand)]
     Capture(capture::CaptureCommand),
-    Compare(compare::Arguments),
+    Compare(CompareSettings),
     Completions(completions::Completions),
     Info(info::Info),
     Man(man::ManCommand),
@@ -128,7 +129,7 @@ impl Command {
     fn max_memory(&self) -> Result<u64> {
         let memory = match self {
             Self::Capture(c) => c.memory(),
-            Self::Compare(c) => c.memory,
+            Self::Compare(s) => Memory::of(s.limits),
             Self::Info(c) => c.memory,
             Self::Motion(s) => Memory::of(s.limits),
             Self::Validate(c) => c.memory,
@@ -352,7 +353,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
 fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
     match command {
         Command::Capture(c) => c.run(output),
-        Command::Compare(a) => compare::run(&a, output),
+        Command::Compare(s) => compare::run(&s, output),
         Command::Completions(c) => c.run(output),
         Command::Info(c) => c.run(output),
         Command::Man(c) => c.run(output),

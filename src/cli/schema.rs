@@ -2,9 +2,7 @@
 
 use super::output::Output;
 use super::report::transfer::TransferRun;
-use super::{
-    capture, compare, diff, document, gradient, info, man, pose, report, transfer, usd, validate, view, viewpoint,
-};
+use super::{capture, diff, document, gradient, info, man, pose, report, transfer, usd, validate, view, viewpoint};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -52,7 +50,7 @@ macro_rules! kinds {
 
 kinds! {
     CaptureConvert: "capture convert" => capture::Report;
-    Compare: "compare" => compare::AnyReport;
+    Compare: "compare" => app::compare::CompareReport;
     Convert: "convert" => app::convert::ConvertReport;
     Denoise: "denoise" => app::denoise::DenoiseReport;
     Diff: "diff" => diff::AnyReport;
