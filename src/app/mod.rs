@@ -9,6 +9,7 @@ pub mod compare;
 pub mod context;
 pub mod convert;
 pub mod denoise;
+pub mod diff;
 pub mod failed;
 pub mod inputs;
 pub mod motion;

@@ -39,6 +39,7 @@ mod words;
 use crate::app::compare::CompareSettings;
 use crate::app::convert::ConvertSettings;
 use crate::app::denoise::DenoiseSettings;
+use crate::app::diff::DiffSettings;
 use crate::app::inputs;
 use crate::app::motion::MotionSettings;
 use crate::app::plan::PlanSettings;
@@ -104,7 +105,7 @@ enum Command {
     Validate(validate::Validate),
     Convert(Box<ConvertSettings>),
     Denoise(DenoiseSettings),
-    Diff(diff::Diff),
+    Diff(DiffSettings),
     Pose(pose::Pose),
     Gradient(gradient::GradientCommand),
     Render(RenderSettings),
@@ -135,7 +136,7 @@ impl Command {
             Self::Validate(c) => c.memory,
             Self::Convert(s) => Memory::of(s.limits),
             Self::Denoise(s) => Memory::of(s.limits),
-            Self::Diff(c) => c.memory,
+            Self::Diff(s) => Memory::of(s.limits),
             Self::Pose(c) => c.memory,
             Self::Gradient(c) => c.memory,
             Self::Plan(s) => Memory::of(s.pictures.limits),
@@ -361,7 +362,7 @@ fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
         Command::Validate(c) => c.run(output),
         Command::Convert(s) => convert::run(&s, output),
         Command::Denoise(s) => denoise::run(&s, output),
-        Command::Diff(c) => c.run(output),
+        Command::Diff(s) => diff::run(&s, output),
         Command::Pose(c) => c.run(output),
         Command::Gradient(c) => c.run(output),
         Command::Plan(s) => plan::run(&s, output),

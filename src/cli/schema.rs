@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::report::transfer::TransferRun;
-use super::{capture, diff, document, gradient, info, man, pose, report, transfer, usd, validate, view, viewpoint};
+use super::{capture, document, gradient, info, man, pose, report, transfer, usd, validate, view, viewpoint};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -53,7 +53,7 @@ kinds! {
     Compare: "compare" => app::compare::CompareReport;
     Convert: "convert" => app::convert::ConvertReport;
     Denoise: "denoise" => app::denoise::DenoiseReport;
-    Diff: "diff" => diff::AnyReport;
+    Diff: "diff" => app::diff::DiffReport;
     Gradient: "gradient" => gradient::Report;
     Info: "info" => info::Report;
     Man: "man" => man::Report;
