@@ -40,6 +40,7 @@ use crate::app::compare::CompareSettings;
 use crate::app::convert::ConvertSettings;
 use crate::app::denoise::DenoiseSettings;
 use crate::app::diff::DiffSettings;
+use crate::app::info::InfoSettings;
 use crate::app::inputs;
 use crate::app::motion::MotionSettings;
 use crate::app::plan::PlanSettings;
@@ -98,7 +99,7 @@ enum Command {
     Capture(capture::CaptureCommand),
     Compare(CompareSettings),
     Completions(completions::Completions),
-    Info(info::Info),
+    Info(InfoSettings),
     Man(man::ManCommand),
     Motion(MotionSettings),
     Plan(PlanSettings),
@@ -131,7 +132,7 @@ impl Command {
         let memory = match self {
             Self::Capture(c) => c.memory(),
             Self::Compare(s) => Memory::of(s.limits),
-            Self::Info(c) => c.memory,
+            Self::Info(s) => Memory::of(s.limits),
             Self::Motion(s) => Memory::of(s.limits),
             Self::Validate(c) => c.memory,
             Self::Convert(s) => Memory::of(s.limits),
@@ -356,7 +357,7 @@ fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
         Command::Capture(c) => c.run(output),
         Command::Compare(s) => compare::run(&s, output),
         Command::Completions(c) => c.run(output),
-        Command::Info(c) => c.run(output),
+        Command::Info(s) => info::run(&s, output),
         Command::Man(c) => c.run(output),
         Command::Motion(s) => motion::run(&s, output),
         Command::Validate(c) => c.run(output),

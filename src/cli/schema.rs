@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::report::transfer::TransferRun;
-use super::{capture, document, gradient, info, man, pose, report, transfer, usd, validate, view, viewpoint};
+use super::{capture, document, gradient, man, pose, report, transfer, usd, validate, view, viewpoint};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -55,7 +55,7 @@ kinds! {
     Denoise: "denoise" => app::denoise::DenoiseReport;
     Diff: "diff" => app::diff::DiffReport;
     Gradient: "gradient" => gradient::Report;
-    Info: "info" => info::Report;
+    Info: "info" => app::info::InfoReport;
     Man: "man" => man::Report;
     Motion: "motion" => app::motion::MotionReport;
     Plan: "plan" => app::plan::PlanReport;

@@ -7,9 +7,9 @@ mod sequence;
 mod traits;
 mod volume;
 
-use super::info::Failure;
 use super::memory::Memory;
 use super::output::Output;
+use crate::app::failure::Failure;
 use crate::app::sequence::FrameSelection;
 use crate::error::{Error, Kind, Result};
 use crate::formats::imaging::format as imaging;
@@ -131,7 +131,7 @@ impl Validate {
         match result {
             Ok((checked, _)) => Ok(checked),
             Err(error) if self.files.len() == 1 => Err(error),
-            Err(error) => Ok(Checked::failed(path, Failure::new(&error))),
+            Err(error) => Ok(Checked::failed(path, Failure::new(&error, output))),
         }
     }
 

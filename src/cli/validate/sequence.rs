@@ -3,8 +3,8 @@
 use super::findings::Findings;
 use super::traits::{Deviation, Trait, Traits, deviations};
 use super::{Checked, Validate};
+use crate::app::failure::Failure;
 use crate::app::sequence::{Present, Sequence, each};
-use crate::cli::info::Failure;
 use crate::cli::output::Output;
 use crate::error::{Error, Result};
 use crate::formats::Format;
@@ -62,7 +62,7 @@ impl Validate {
                     traits.push((number, of));
                     checked
                 }
-                Err(error) => Checked::failed(&sequence.path(number), Failure::new(&error)),
+                Err(error) => Checked::failed(&sequence.path(number), Failure::new(&error, output)),
             };
             files.push(Checked { frame: Some(number), ..checked });
         }

@@ -2,7 +2,7 @@
 
 use super::findings::Findings;
 use super::traits::{Trait, Traits};
-use crate::cli::info::statistics_of;
+use crate::app::statistics::statistics_of;
 use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::transfer;
