@@ -30,6 +30,7 @@ pub mod statistics;
 pub mod task;
 pub mod transfer;
 pub mod up;
+pub mod validate;
 pub mod volume;
 
 pub use context::Context;

@@ -45,6 +45,7 @@ use crate::app::inputs;
 use crate::app::motion::MotionSettings;
 use crate::app::plan::PlanSettings;
 use crate::app::render::RenderSettings;
+use crate::app::validate::ValidateSettings;
 use crate::error::{Error, Kind, Result};
 use crate::formats::limits::Limits;
 use crate::formats::protected;
@@ -103,7 +104,7 @@ enum Command {
     Man(man::ManCommand),
     Motion(MotionSettings),
     Plan(PlanSettings),
-    Validate(validate::Validate),
+    Validate(ValidateSettings),
     Convert(Box<ConvertSettings>),
     Denoise(DenoiseSettings),
     Diff(DiffSettings),
@@ -134,7 +135,7 @@ impl Command {
             Self::Compare(s) => Memory::of(s.limits),
             Self::Info(s) => Memory::of(s.limits),
             Self::Motion(s) => Memory::of(s.limits),
-            Self::Validate(c) => c.memory,
+            Self::Validate(s) => Memory::of(s.limits),
             Self::Convert(s) => Memory::of(s.limits),
             Self::Denoise(s) => Memory::of(s.limits),
             Self::Diff(s) => Memory::of(s.limits),
@@ -360,7 +361,7 @@ fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
         Command::Info(s) => info::run(&s, output),
         Command::Man(c) => c.run(output),
         Command::Motion(s) => motion::run(&s, output),
-        Command::Validate(c) => c.run(output),
+        Command::Validate(s) => validate::run(&s, output),
         Command::Convert(s) => convert::run(&s, output),
         Command::Denoise(s) => denoise::run(&s, output),
         Command::Diff(s) => diff::run(&s, output),

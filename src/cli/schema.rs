@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::report::transfer::TransferRun;
-use super::{capture, document, gradient, man, pose, report, transfer, usd, validate, view, viewpoint};
+use super::{capture, document, gradient, man, pose, report, transfer, usd, view, viewpoint};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -68,7 +68,7 @@ kinds! {
     Transfer: "transfer" => transfer::AnyReport;
     UsdAuthor: "usd author" => usd::Authored;
     UsdLint: "usd lint" => usd::Linted;
-    Validate: "validate" => validate::Report;
+    Validate: "validate" => app::validate::ValidateReport;
     View: "view" => view::Report;
     Viewpoint: "viewpoint" => viewpoint::Report;
 }

@@ -22,8 +22,8 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use volume::Volume;
 
-/// Settings of the description of files: grids of VDBs and NanoVDBs, layers of EXRs, cameras of captures, volumes of USD
-/// stages, scans.
+/// Settings of the description of files: grids of VDBs and NanoVDBs, layers of EXRs, cameras of captures, volumes of
+/// USD stages, scans.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct InfoSettings {

@@ -17,8 +17,8 @@ use serde::{Deserialize, Serialize};
 use side::{Read, Side};
 use std::path::{Path, PathBuf};
 
-/// Settings of the test whether two noisy pictures have the same expected values: pixel by pixel, in tiles, in the mean,
-/// and by the spread of the differences.
+/// Settings of the test whether two noisy pictures have the same expected values: pixel by pixel, in tiles, in the
+/// mean, and by the spread of the differences.
 ///
 /// The noise is known from renders by other seeds, else from a layer with the variance, else from the layers `half_a`
 /// and `half_b`.
