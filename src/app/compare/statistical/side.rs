@@ -84,8 +84,8 @@ impl<'s> Side<'s> {
             }
         }
         Err(Error::invalid("nothing tells the noise of this picture").at(self.picture).hint(format!(
-            "give another render by another seed ({}), render with ⟨aov=variance⟩, or, if the picture has no noise, say \
-             so with {}",
+            "give another render by another seed ({}), render with ⟨aov=variance⟩, or, if the picture has no noise, \
+             say so with {}",
             self.which.repeat(),
             self.which.noiseless()
         )))
