@@ -4,6 +4,7 @@ use super::failed::Failed;
 use super::progress::{Event, Progress, Unit, Unwatched};
 use crate::app::checks::Warning;
 use crate::cancel::Cancel;
+use crate::error::Error;
 use crate::wording::worded;
 use std::collections::HashSet;
 use std::fmt::{self, Display};
@@ -129,6 +130,11 @@ impl Context {
         for Failed { frame, error } in failed {
             self.progress.event(&Event::Failed { frame: *frame, error });
         }
+    }
+
+    /// Says why one of several files could not be read.
+    pub fn unread(&self, error: &Error) {
+        self.progress.event(&Event::Unread { error: &error.to_string() });
     }
 
     fn once(&self, text: &str, tell: impl FnOnce(&str)) {

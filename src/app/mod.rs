@@ -5,10 +5,14 @@
 //! shows the progress and words the report and the errors.
 
 pub mod checks;
+pub mod compare;
 pub mod context;
 pub mod convert;
 pub mod denoise;
+pub mod diff;
 pub mod failed;
+pub mod failure;
+pub mod info;
 pub mod inputs;
 pub mod motion;
 pub mod outputs;
@@ -25,9 +29,11 @@ pub mod renewed;
 pub mod report;
 pub mod run;
 pub mod sequence;
+pub mod statistics;
 pub mod task;
 pub mod transfer;
 pub mod up;
+pub mod validate;
 pub mod viewpoint;
 pub mod volume;
 

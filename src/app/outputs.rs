@@ -5,7 +5,7 @@ use super::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{atomic, exr, png, protected, transforms};
-use crate::report::FILE_NAME;
+use crate::report::FILE_NAME as PAGE;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -93,18 +93,18 @@ pub fn folder(path: &Path) -> Result<()> {
     }
 }
 
-/// Name of the record of a task in its page's folder.
+/// Name of a run's record in the folder of its report.
 pub const RECORD: &str = "run.json";
 
-/// Makes the folder of a page and of the record beside it, before the work.
+/// Makes the folder of a report, before the work.
 ///
 /// # Errors
 /// If the name is that of a file, or the folder cannot be made or written to.
-pub fn page(path: &Path) -> Result<()> {
-    folder(path)?;
-    std::fs::create_dir_all(path)
-        .map_err(|e| Error::io(path, e).hint("the report needs a folder that can be written to"))?;
-    [RECORD, FILE_NAME].into_iter().try_for_each(|name| atomic::probe(&path.join(name)))
+pub fn report_folder(dir: &Path) -> Result<()> {
+    folder(dir)?;
+    std::fs::create_dir_all(dir)
+        .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;
+    [RECORD, PAGE].into_iter().try_for_each(|name| atomic::probe(&dir.join(name)))
 }
 
 /// Checks a path for pictures, and returns the kind of file that it names: OpenEXR or PNG, by its ending; `None` for a

@@ -52,7 +52,7 @@ impl Task {
     /// and to be writable.
     ///
     /// # Errors
-    /// Those of [`outputs::file`] and [`outputs::page`].
+    /// Those of [`outputs::file`] and [`outputs::report_folder`].
     pub fn begin(
         output: &Path,
         content: Content,
@@ -63,7 +63,7 @@ impl Task {
         context.loading();
         let provenance = Provenance::begin(context);
         outputs::file(output, content)?;
-        page.map_or(Ok(()), outputs::page)?;
+        page.map_or(Ok(()), outputs::report_folder)?;
         Ok(Self { provenance, limits, context: context.clone() })
     }
 

@@ -36,14 +36,18 @@ pub mod view;
 pub mod viewpoint;
 mod words;
 
+use crate::app::compare::CompareSettings;
 use crate::app::convert::ConvertSettings;
 use crate::app::denoise::DenoiseSettings;
+use crate::app::diff::DiffSettings;
+use crate::app::info::InfoSettings;
 use crate::app::inputs;
 use crate::app::motion::MotionSettings;
 use crate::app::plan::PlanSettings;
 use crate::app::pose::PoseSettings;
 use crate::app::render::RenderSettings;
 use crate::app::report::PageSettings;
+use crate::app::validate::ValidateSettings;
 use crate::app::viewpoint::ViewpointSettings;
 use crate::error::{Error, Kind, Result};
 use crate::formats::limits::Limits;
@@ -97,17 +101,17 @@ pub struct Global {
 enum Command {
     #[command(subcommand)]
     Capture(capture::CaptureCommand),
-    Compare(compare::Arguments),
+    Compare(CompareSettings),
     Completions(completions::Completions),
-    Info(info::Info),
+    Info(InfoSettings),
     Man(man::ManCommand),
     Motion(MotionSettings),
     Plan(PlanSettings),
-    Validate(validate::Validate),
+    Validate(ValidateSettings),
     Convert(Box<ConvertSettings>),
     Denoise(DenoiseSettings),
-    Diff(diff::Diff),
     Pose(PoseSettings),
+    Diff(DiffSettings),
     Gradient(gradient::GradientCommand),
     Render(RenderSettings),
     #[command(subcommand)]
@@ -131,14 +135,14 @@ impl Command {
     fn max_memory(&self) -> Result<u64> {
         let memory = match self {
             Self::Capture(c) => c.memory(),
-            Self::Compare(c) => c.memory,
-            Self::Info(c) => c.memory,
+            Self::Compare(s) => Memory::of(s.limits),
+            Self::Info(s) => Memory::of(s.limits),
             Self::Motion(s) => Memory::of(s.limits),
-            Self::Validate(c) => c.memory,
+            Self::Validate(s) => Memory::of(s.limits),
             Self::Convert(s) => Memory::of(s.limits),
             Self::Denoise(s) => Memory::of(s.limits),
-            Self::Diff(c) => c.memory,
             Self::Pose(s) => Memory::of(s.limits),
+            Self::Diff(s) => Memory::of(s.limits),
             Self::Gradient(c) => c.memory,
             Self::Plan(s) => Memory::of(s.pictures.limits),
             Self::Render(s) => Memory::of(s.pictures.limits),
@@ -355,16 +359,16 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
 fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
     match command {
         Command::Capture(c) => c.run(output),
-        Command::Compare(a) => compare::run(&a, output),
+        Command::Compare(s) => compare::run(&s, output),
         Command::Completions(c) => c.run(output),
-        Command::Info(c) => c.run(output),
+        Command::Info(s) => info::run(&s, output),
         Command::Man(c) => c.run(output),
         Command::Motion(s) => motion::run(&s, output),
-        Command::Validate(c) => c.run(output),
+        Command::Validate(s) => validate::run(&s, output),
         Command::Convert(s) => convert::run(&s, output),
         Command::Denoise(s) => denoise::run(&s, output),
-        Command::Diff(c) => c.run(output),
         Command::Pose(s) => pose::run(&s, output),
+        Command::Diff(s) => diff::run(&s, output),
         Command::Gradient(c) => c.run(output),
         Command::Plan(s) => plan::run(&s, output),
         Command::Render(s) => render::run(&s, output),

@@ -1,7 +1,7 @@
 //! `cumulo schema`: JSON schemas of the files that Cumulo reads, and of the documents that it writes.
 
 use super::output::Output;
-use super::{capture, compare, diff, document, gradient, info, man, transfer, usd, validate, view};
+use super::{capture, document, gradient, man, transfer, usd, view};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -49,12 +49,12 @@ macro_rules! kinds {
 
 kinds! {
     CaptureConvert: "capture convert" => capture::Report;
-    Compare: "compare" => compare::AnyReport;
+    Compare: "compare" => app::compare::CompareReport;
     Convert: "convert" => app::convert::ConvertReport;
     Denoise: "denoise" => app::denoise::DenoiseReport;
-    Diff: "diff" => diff::AnyReport;
+    Diff: "diff" => app::diff::DiffReport;
     Gradient: "gradient" => gradient::Report;
-    Info: "info" => info::Report;
+    Info: "info" => app::info::InfoReport;
     Man: "man" => man::Report;
     Motion: "motion" => app::motion::MotionReport;
     Plan: "plan" => app::plan::PlanReport;
@@ -67,7 +67,7 @@ kinds! {
     Transfer: "transfer" => transfer::AnyReport;
     UsdAuthor: "usd author" => usd::Authored;
     UsdLint: "usd lint" => usd::Linted;
-    Validate: "validate" => validate::Report;
+    Validate: "validate" => app::validate::ValidateReport;
     View: "view" => view::Report;
     Viewpoint: "viewpoint" => app::viewpoint::ViewpointReport;
 }

@@ -1,5 +1,6 @@
 //! Values of options whose types live elsewhere: their names on the command line, with a line of help for each.
 
+use crate::app::compare::Which;
 use crate::app::convert::{Convention, Form, Repair, UpTarget};
 use crate::app::denoise::{Cuts, Direction, Filter, Guide};
 use crate::app::reconstruct::refinement::Refined;
@@ -154,6 +155,11 @@ value_enum!(UpTarget {
 value_enum!(Repair {
     Auto: "auto", "Fog volumes hold densities, other grids any values";
     Density: "density", "All grids hold densities";
+});
+
+value_enum!(Which {
+    A: "a", "The first picture";
+    B: "b", "The second picture";
 });
 
 value_enum!(GridType {

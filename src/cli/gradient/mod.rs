@@ -221,7 +221,7 @@ impl GradientCommand {
             outputs::file(path, Content::Vdb)?;
         }
         if let Some(dir) = &self.report {
-            outputs::page(dir)?;
+            outputs::report_folder(dir)?;
         }
         let (volume, setup) = {
             let _stage = output.stage("reading the volume");

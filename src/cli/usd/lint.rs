@@ -1,7 +1,7 @@
 //! `cumulo usd lint`: faults of stages, with remedies, and a layer that removes those that are safe to remove.
 
+use crate::app::failure::Failure;
 use crate::app::outputs::{self, Content};
-use crate::cli::info::Failure;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::error::{Error, Result};
@@ -91,7 +91,9 @@ impl Lint {
             stages.push(match checked {
                 Ok(checked) => checked,
                 Err(error) if self.stages.len() == 1 => return Err(error),
-                Err(error) => Checked { path: path.clone(), findings: Vec::new(), error: Some(Failure::new(&error)) },
+                Err(error) => {
+                    Checked { path: path.clone(), findings: Vec::new(), error: Some(Failure::new(&error, output)) }
+                }
             });
             bar.inc(1);
         }

@@ -11,10 +11,10 @@ mod subject;
 mod terminal;
 mod volume;
 
-use super::info::Failure;
 use super::memory::Memory;
 use super::output::Output;
 use super::parse;
+use crate::app::failure::Failure;
 use crate::app::outputs::{self, Content as Kind};
 use crate::app::pictures::DensityScale;
 use crate::app::sequence::FrameSelection;
@@ -108,7 +108,7 @@ impl View {
                 Ok(drawn) => drawn,
                 Err(e) if self.files.len() == 1 || e.kind() == ErrorKind::Cancelled => return Err(e),
                 Err(e) => {
-                    failed.push(NotShown { input: file.clone(), error: Failure::new(&e.at(file)) });
+                    failed.push(NotShown { input: file.clone(), error: Failure::new(&e.at(file), output) });
                     continue;
                 }
             };

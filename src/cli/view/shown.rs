@@ -2,7 +2,7 @@
 
 use super::slices::Cut;
 use crate::app::failed::{Failed, List};
-use crate::cli::info::Failure;
+use crate::app::failure::Failure;
 use crate::report::sheet::Range;
 use crate::report::short;
 use crate::scene::statistics::Statistics;

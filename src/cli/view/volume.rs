@@ -4,7 +4,7 @@ use super::shown::{Content, Volume};
 use super::slices::{self, Orientation, Slice};
 use super::subject::Subject;
 use super::{View, camera, name_of};
-use crate::cli::info::statistics_of;
+use crate::app::statistics::statistics_of;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::png::ToneMapping;

@@ -20,12 +20,5 @@ impl Effort {
     }
 }
 
-impl Default for Effort {
-    /// 67 million voxels, which take some seconds.
-    fn default() -> Self {
-        Self { blocks: 1 << 17 }
-    }
-}
-
 /// Receives how many of how many steps of a comparison are done.
 pub type OnStep<'s> = &'s (dyn Fn(u64, u64) + Sync);

@@ -1,9 +1,11 @@
 //! One side of a statistical comparison, read from its files with what is known of its noise.
 
+use super::Which;
 use crate::error::{Error, Result};
 use crate::formats::exr::{self, Picture};
 use crate::formats::limits::Limits;
 use crate::metrics::statistical::{Estimate, Freedom};
+use crate::wording::worded;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -15,8 +17,7 @@ const HALVES: [&str; 2] = ["half_a", "half_b"];
 /// Files of a side.
 #[derive(Debug)]
 pub struct Side<'s> {
-    /// "a" or "b".
-    pub name: &'static str,
+    pub which: Which,
     pub picture: &'s Path,
     pub repeats: &'s [PathBuf],
     pub noiseless: bool,
@@ -83,9 +84,10 @@ impl<'s> Side<'s> {
             }
         }
         Err(Error::invalid("nothing tells the noise of this picture").at(self.picture).hint(format!(
-            "give another render by another seed (--repeat-{0}), render with --aov variance, or, if the picture has no \
-             noise, say so with --noiseless {0}",
-            self.name
+            "give another render by another seed ({}), render with ⟨aov=variance⟩, or, if the picture has no noise, \
+             say so with {}",
+            self.which.repeat(),
+            self.which.noiseless()
         )))
     }
 
@@ -150,18 +152,18 @@ impl<'s> Side<'s> {
         let colors = || variance.film.rgba.iter().flat_map(|p| &p[..3]);
         if let Some(negative) = colors().find(|v| **v < 0.0) {
             return Err(place(Error::invalid(format!("a variance of {negative}")))
-                .hint("variances are 0 or more: name the right layer with --variance-layer"));
+                .hint("variances are 0 or more: name the right layer with ⟨variance_layer⟩"));
         }
         if !colors().any(|v| v.is_finite()) {
             return Err(place(Error::invalid("no variance is finite"))
-                .hint(format!("one sample a pixel tells no variance: take more samples, or --repeat-{}", self.name)));
+                .hint(format!("one sample a pixel tells no variance: take more samples, or {}", self.which.repeat())));
         }
         let has_alpha = variance.channels.iter().any(|c| ["a", "alpha"].contains(&c.to_ascii_lowercase().as_str()));
         let (freedom, remark) = if self.has_layer(SAMPLES)? {
             let counts = exr::picture_within(self.picture, Some(SAMPLES), limits)?.film.rgba;
             (Freedom::ByPixel(counts.iter().map(|p| (p[0] - 1.0).max(0.0)).collect()), None)
         } else {
-            let remark = "the number of samples is unknown and counts as large (--aov samples tells it)";
+            let remark = worded("the number of samples is unknown and counts as large (⟨aov=samples⟩ tells it)");
             (Freedom::All(f64::INFINITY), Some(remark.into()))
         };
         Ok(self.done(picture, Some((variance.film.rgba, has_alpha)), freedom, Source::Variance, remark))

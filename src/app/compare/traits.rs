@@ -6,11 +6,12 @@ use crate::formats::limits::Limits;
 use crate::metrics::Comparison;
 use crate::scene::film::Film;
 use crate::scene::primaries::Primaries;
+use crate::wording::worded;
 use glam::DMat3;
 use std::path::Path;
 
 /// Advice that stands behind a conversion.
-const ROUNDED: &str = "the conversion rounds to 32-bit floats: give a --tolerance";
+const ROUNDED: &str = "the conversion rounds to 32-bit floats: give a ⟨tolerance⟩";
 
 /// A picture that was read to be compared with a reference.
 #[derive(Debug)]
@@ -39,7 +40,7 @@ impl Matched {
             Conversion::None => {}
             Conversion::Matrix(matrix) => {
                 picture.film.convert(matrix);
-                converted = Some(format!("from primaries {from} to {to}; {ROUNDED}"));
+                converted = Some(format!("from primaries {from} to {to}; {}", worded(ROUNDED)));
             }
             Conversion::Unknown => {
                 differences.push(format!("primaries that cannot be converted into each other: {from} and {to}"));

@@ -50,7 +50,7 @@ pub(super) fn deviations(frames: &[(u32, Traits)]) -> Vec<Deviation> {
         if !without.is_empty() {
             let [with, without] = [with, without].map(|frames| ranges(frames.iter().map(|(n, _)| *n)));
             let what = format!("it is in frames {with}, but not in frames {without}");
-            add(true, what, "write all frames with the same settings, or rename: cumulo convert --rename");
+            add(true, what, "write all frames with the same settings, or rename: cumulo convert ⟨rename⟩");
         }
         kinds(&of).into_iter().for_each(|what| {
             add(

@@ -2,7 +2,7 @@
 
 use super::findings::Findings;
 use super::traits::{Trait, Traits};
-use crate::cli::info::statistics_of;
+use crate::app::statistics::statistics_of;
 use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::transfer;
@@ -35,7 +35,7 @@ pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Res
             findings.note(
                 Some(name),
                 "several grids share this name",
-                "name them as here, with their number, in --grid",
+                "name them as here, with their number, in ⟨grid⟩",
             );
         }
         let native = match file.read(name) {
@@ -82,7 +82,7 @@ pub(super) fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findin
         findings.note(
             name,
             "this is a level set: distances, no density",
-            "for rendering as fog, convert it: cumulo convert IN.vdb OUT.vdb --to fog",
+            "for rendering as fog, convert it: cumulo convert IN.vdb OUT.vdb ⟨to=fog⟩",
         );
     }
     if info.components == 0 {
@@ -99,13 +99,13 @@ pub(super) fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findin
     let hidden = if scalar_density(info) { inactive_faults(native)? } else { 0 };
     if hidden > 0 {
         let what = format!("{hidden} inactive values are negative or not finite");
-        findings.problem(name, what, "cumulo convert --repair sets them to 0");
+        findings.problem(name, what, "cumulo convert ⟨repair⟩ sets them to 0");
     }
     if !info.background.iter().all(|b| b.is_finite()) {
         findings.problem(
             name,
             format!("the background is {:?}", info.background),
-            "cumulo convert --repair sets it to 0",
+            "cumulo convert ⟨repair⟩ sets it to 0",
         );
     } else if info.class == GridClass::FogVolume && info.background.iter().any(|b| *b != 0.0) {
         findings.problem(
@@ -139,13 +139,13 @@ fn check_usable(native: &NativeGrid, info: &GridInfo, findings: &mut Findings) -
 fn numbers(info: &GridInfo, s: &Statistics, findings: &mut Findings) {
     let name = Some(info.name.as_str());
     if s.nan > 0 {
-        findings.problem(name, format!("{} values are NaN", s.nan), "cumulo convert --repair sets them to 0");
+        findings.problem(name, format!("{} values are NaN", s.nan), "cumulo convert ⟨repair⟩ sets them to 0");
     }
     if s.infinite > 0 && info.half {
         let what = format!("{} values are infinite, and the grid is stored as half: they exceeded 65504", s.infinite);
         findings.problem(name, what, "write it again from the source without half, or scaled down");
     } else if s.infinite > 0 {
-        findings.problem(name, format!("{} values are infinite", s.infinite), "cumulo convert --repair sets them to 0");
+        findings.problem(name, format!("{} values are infinite", s.infinite), "cumulo convert ⟨repair⟩ sets them to 0");
     }
     if s.above_half > 0 && !info.half {
         let what = format!("{} values are above 65504", s.above_half);
@@ -161,10 +161,10 @@ fn numbers(info: &GridInfo, s: &Statistics, findings: &mut Findings) {
     }
     if scalar_density(info) && s.negative > 0 {
         let what = format!("{} densities are negative (down to {})", s.negative, s.min.unwrap_or_default());
-        findings.problem(name, what, "cumulo convert --repair sets them to 0");
+        findings.problem(name, what, "cumulo convert ⟨repair⟩ sets them to 0");
     } else if info.components == 1 && info.class == GridClass::Unknown && s.negative > 0 {
         let what = format!("{} values are negative (down to {})", s.negative, s.min.unwrap_or_default());
-        findings.note(name, what, "if these are densities, cumulo convert --repair=density sets them to 0");
+        findings.note(name, what, "if these are densities, cumulo convert ⟨repair=density⟩ sets them to 0");
     }
 }
 

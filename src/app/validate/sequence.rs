@@ -2,10 +2,10 @@
 
 use super::findings::Findings;
 use super::traits::{Deviation, Trait, Traits, deviations};
-use super::{Checked, Validate};
+use super::{Checked, ValidateSettings, check};
+use crate::app::Context;
+use crate::app::failure::Failure;
 use crate::app::sequence::{Present, Sequence, each};
-use crate::cli::info::Failure;
-use crate::cli::output::Output;
 use crate::error::{Error, Result};
 use crate::formats::Format;
 use crate::formats::exr::{self, ExrSummary};
@@ -34,17 +34,17 @@ pub(super) struct CheckedSequence {
     findings: Findings,
 }
 
-impl Validate {
+impl ValidateSettings {
     /// Checks the frames of a sequence, each by itself and all together.
     ///
     /// # Errors
     /// If no frame is there.
-    pub(super) fn sequence(&self, sequence: &Sequence, output: &Output) -> Result<(CheckedSequence, Vec<Checked>)> {
+    pub(super) fn sequence(&self, sequence: &Sequence, context: &Context) -> Result<(CheckedSequence, Vec<Checked>)> {
         let Present { numbers, first, last, missing } = sequence.present("check")?;
-        let full = self.memory.limits();
-        let results = each(&numbers, "checking", full, output, |number, limits| {
+        let full = self.limits;
+        let results = each(&numbers, "checking", full, context, |number, limits| {
             let path = sequence.path(number);
-            let (checked, mut traits) = self.check(&path, limits)?;
+            let (checked, mut traits) = check(&path, limits)?;
             if checked.format == Some(Format::Exr) {
                 // Faults that keep a picture from being read are among its findings.
                 traits = of_picture(&path, limits).unwrap_or_default();
@@ -62,14 +62,14 @@ impl Validate {
                     traits.push((number, of));
                     checked
                 }
-                Err(error) => Checked::failed(&sequence.path(number), Failure::new(&error)),
+                Err(error) => Checked::failed(&sequence.path(number), Failure::new(&error, context)),
             };
             files.push(Checked { frame: Some(number), ..checked });
         }
         let mut findings = Findings::default();
         if !missing.is_empty() {
             let what = format!("frames are missing: {}", ranges(missing.iter().copied()));
-            findings.problem(None, what, "write them, or name the frames that are meant with --frames");
+            findings.problem(None, what, "write them, or name the frames that are meant with ⟨frames⟩");
         }
         // Frames without anything were refused, and are told of by themselves.
         traits.retain(|(_, of)| !of.is_empty());

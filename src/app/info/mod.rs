@@ -1,14 +1,12 @@
-//! `cumulo info`: the content of files.
+//! The content of files.
 
 mod image;
 mod nano;
 mod sequence;
 mod volume;
 
-pub(super) use volume::statistics_of;
-
-use super::memory::Memory;
-use super::output::Output;
+use crate::app::Context;
+use crate::app::failure::Failure;
 use crate::app::sequence::FrameSelection;
 use crate::error::{Error, Kind, Result};
 use crate::formats::captures::CaptureSummary;
@@ -19,32 +17,29 @@ use crate::formats::usd::StageSummary;
 use crate::formats::{self, Format};
 use crate::text::printable;
 use sequence::Summary;
-use serde::Serialize;
-use std::borrow::Cow;
+use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use volume::Volume;
 
-/// Show what is in files: grids of VDBs and NanoVDBs, layers of EXRs, cameras of captures, volumes of USD stages, scans
-///
-/// Of a sequence, 'smoke.####.vdb' or a folder of numbered files, each frame is shown in a line; --json has all of
-/// each.
-#[derive(Debug, clap::Args)]
-pub struct Info {
-    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of
-    /// either), scans and fields in the formats that `cumulo convert` reads, and sequences of files
-    #[arg(required = true, value_name = "FILE")]
-    files: Vec<PathBuf>,
-    #[command(flatten)]
-    frames: FrameSelection,
-    #[command(flatten)]
-    pub(in crate::cli) memory: Memory,
+/// Settings of the description of files: grids of VDBs and NanoVDBs, layers of EXRs, cameras of captures, volumes of
+/// USD stages, scans.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct InfoSettings {
+    /// Files, captures or their folders; and patterns or folders of sequences.
+    #[serde(with = "crate::app::paths")]
+    pub files: Vec<PathBuf>,
+    /// Frames of sequences to read.
+    pub frames: FrameSelection,
+    /// Memory that the work may take.
+    #[serde(flatten)]
+    pub limits: Limits,
 }
 
+/// Report of what is in files.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Report {
+pub struct InfoReport {
     /// Files in the order in which they were given; those of sequences frame by frame.
     files: Vec<Described>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -65,34 +60,6 @@ struct Described {
     error: Option<Failure>,
 }
 
-/// Error that kept one of several files from being read.
-#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Failure {
-    /// Grid, layer or frame that the error concerns; none if it is the whole file.
-    part: Option<String>,
-    what: String,
-    #[serde(rename = "do")]
-    remedy: Option<String>,
-}
-
-impl Failure {
-    /// Creates the report's entry for an error, and prints the error on standard error.
-    pub(in crate::cli) fn new(error: &Error) -> Self {
-        let _ = writeln!(std::io::stderr().lock(), "cumulo: {error}");
-        let (part, remedy) = (error.place().map(str::to_owned), error.remedy().map(Cow::into_owned));
-        Self { part, what: error.what().into_owned(), remedy }
-    }
-}
-
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("could not be read: ")?;
-        self.part.iter().try_for_each(|part| write!(f, "{part}: "))?;
-        writeln!(f, "{}", self.what)?;
-        self.remedy.iter().try_for_each(|remedy| writeln!(f, "{remedy}"))
-    }
-}
-
 /// Content of a file, tagged in JSON with the name of its [`Format`].
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(tag = "format", rename_all = "lowercase")]
@@ -105,15 +72,23 @@ enum Content {
     Image(image::Summary),
 }
 
-impl Info {
-    /// Reads the files and reports; files that cannot be read do not keep others from being reported.
+impl InfoReport {
+    /// True if all files, and all frames between the first and the last one of sequences, could be read.
+    pub fn complete(&self) -> bool {
+        // A frame that is missing is one that cannot be read.
+        self.files.iter().all(|file| file.error.is_none()) && !self.sequences.iter().any(Summary::has_holes)
+    }
+}
+
+impl InfoSettings {
+    /// Reads and describes the files; those that cannot be read are part of the report.
     ///
     /// # Errors
     /// If the only file cannot be read or is of an unknown format.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+    pub fn run(&self, context: &Context) -> Result<InfoReport> {
         let (mut files, mut sequences) = (Vec::new(), Vec::new());
         for path in &self.files {
-            match self.sequences(path, output) {
+            match self.sequences(path, context) {
                 Ok(found) if !found.is_empty() => {
                     for (summary, frames) in found {
                         sequences.push(summary);
@@ -121,38 +96,35 @@ impl Info {
                     }
                 }
                 Err(error) if error.kind() == Kind::Cancelled => return Err(error),
-                found => files.push(self.file(path, found.err(), output)?),
+                found => files.push(self.file(path, found.err(), context)?),
             }
         }
-        // A frame that is missing is one that cannot be read.
-        let failed = files.iter().any(|file| file.error.is_some()) || sequences.iter().any(Summary::has_holes);
-        output.report(&Report { files, sequences })?;
-        Ok(if failed { ExitCode::from(2) } else { ExitCode::SUCCESS })
+        Ok(InfoReport { files, sequences })
     }
 
     /// Describes the sequences that a path names; none for the path of a file or a capture.
-    fn sequences(&self, path: &Path, output: &Output) -> Result<Vec<(Summary, Vec<Described>)>> {
-        self.frames.sequences(path)?.iter().map(|sequence| self.sequence(sequence, output)).collect()
+    fn sequences(&self, path: &Path, context: &Context) -> Result<Vec<(Summary, Vec<Described>)>> {
+        self.frames.sequences(path)?.iter().map(|sequence| self.sequence(sequence, context)).collect()
     }
 
     /// Describes a file, or the `error` for which its path names none.
     ///
     /// # Errors
     /// If it cannot be read and is the only one.
-    fn file(&self, path: &Path, error: Option<Error>, output: &Output) -> Result<Described> {
-        let _stage = output.stage("reading");
+    fn file(&self, path: &Path, error: Option<Error>, context: &Context) -> Result<Described> {
+        let _stage = context.stage("reading");
         let result = match error {
             Some(error) => Err(error),
-            None => self.frames.refuse(path).and_then(|()| content(path, self.memory.limits())),
+            None => self.frames.refuse(path).and_then(|()| content(path, self.limits)),
         };
         let (content, error) = match result {
             Ok(Content::Usd(stage)) => {
-                let error = stage.error(path).as_ref().map(Failure::new);
+                let error = stage.error(path).map(|error| Failure::new(&error, context));
                 (Some(Content::Usd(stage)), error)
             }
             Ok(content) => (Some(content), None),
             Err(error) if self.files.len() == 1 => return Err(error),
-            Err(error) => (None, Some(Failure::new(&error))),
+            Err(error) => (None, Some(Failure::new(&error, context))),
         };
         Ok(Described { path: path.to_path_buf(), frame: None, content, error })
     }
@@ -181,7 +153,7 @@ fn folder(path: &Path, limits: Limits) -> Result<Content> {
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for InfoReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.files.iter().filter(|file| file.frame.is_none()).try_for_each(|file| write!(f, "{file}"))?;
         self.sequences.iter().try_for_each(|sequence| write!(f, "{sequence}"))

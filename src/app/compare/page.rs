@@ -1,6 +1,6 @@
 //! The page of two sequences: plots over the frames, and the frames themselves.
 
-use super::figures::{Figures, Report, Track};
+use super::figures::{Figures, SequencesReport, Track};
 use super::space::Space;
 use crate::error::Result;
 use crate::report::{Page, Plot, Series, StripFrame};
@@ -51,7 +51,13 @@ impl Gallery {
     ///
     /// # Errors
     /// If a picture or a plot cannot be drawn.
-    pub fn page(&self, names: [&Path; 2], beside: Option<&Path>, space: Space, report: &Report) -> Result<Page> {
+    pub fn page(
+        &self,
+        names: [&Path; 2],
+        beside: Option<&Path>,
+        space: Space,
+        report: &SequencesReport,
+    ) -> Result<Page> {
         let name = |path: &Path| path.display().to_string();
         let [a, b] = names.map(name);
         let beside = beside.map(name);
@@ -117,7 +123,7 @@ mod tests {
         let c = gauge.add(1, [&film(0.1), &film(0.2)]).unwrap();
         gallery.add(0, 1, &[&film(0.1), &film(0.2)], c.psnr_db);
         let all = gauge.closed();
-        let report = Report {
+        let report = SequencesReport {
             all,
             beside: None,
             left_out: vec![],

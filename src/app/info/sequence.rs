@@ -1,8 +1,9 @@
 //! Sequences of files: what each frame holds, in a line.
 
-use super::{Content, Described, Failure, Info, content};
+use super::{Content, Described, InfoSettings, content};
+use crate::app::Context;
+use crate::app::failure::Failure;
 use crate::app::sequence::{Present, Sequence, each};
-use crate::cli::output::Output;
 use crate::error::Result;
 use crate::text::{printable, ranges};
 use serde::Serialize;
@@ -35,15 +36,14 @@ impl Summary {
     }
 }
 
-impl Info {
+impl InfoSettings {
     /// Describes the frames of a sequence.
     ///
     /// # Errors
     /// If no frame is there.
-    pub(super) fn sequence(&self, sequence: &Sequence, output: &Output) -> Result<(Summary, Vec<Described>)> {
+    pub(super) fn sequence(&self, sequence: &Sequence, context: &Context) -> Result<(Summary, Vec<Described>)> {
         let Present { numbers, first, last, missing } = sequence.present("read")?;
-        let results =
-            each(&numbers, "reading", self.memory.limits(), output, |n, limits| content(&sequence.path(n), limits))?;
+        let results = each(&numbers, "reading", self.limits, context, |n, limits| content(&sequence.path(n), limits))?;
         let mut summary = Summary {
             pattern: sequence.pattern.name(),
             frames: 0,
@@ -57,7 +57,7 @@ impl Info {
         for (number, result) in results {
             let (content, error) = match result {
                 Ok(content) => (Some(content), None),
-                Err(error) => (None, Some(Failure::new(&error))),
+                Err(error) => (None, Some(Failure::new(&error, context))),
             };
             match &content {
                 Some(content) => summary.lines.push((number, line(content))),

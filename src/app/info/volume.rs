@@ -1,14 +1,16 @@
 //! Content and statistics of an OpenVDB file.
 
+use crate::app::statistics::statistics_of;
 use crate::app::up::{self, ChosenUp};
 use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::transfer::{METADATA_KEY, TransferSummary, from_metadata};
-use crate::formats::vdb::{File, GridInfo, NativeGrid, Transform};
+use crate::formats::vdb::{File, GridInfo, Transform};
 use crate::scene::grid::MetaValue;
-use crate::scene::statistics::{self, Statistics};
+use crate::scene::statistics::Statistics;
 use crate::text::bytes as human;
 use crate::text::{printable, printable_lines};
+use crate::wording::worded;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -103,30 +105,6 @@ pub(super) fn summary(path: &Path, limits: Limits) -> Result<Volume> {
         up: up::of_file(&file),
         metadata: file.metadata()?,
         grids,
-    })
-}
-
-/// Computes statistics of a grid's active voxels and tiles, of vectors by their lengths. Leaves are decoded one by one.
-///
-/// # Errors
-/// If the grid has no values (points).
-pub(in crate::cli) fn statistics_of(native: &NativeGrid) -> Result<Statistics> {
-    let magnitude = |v: &[f32]| match v {
-        [one] => *one,
-        many => many.iter().map(|c| c * c).sum::<f32>().sqrt(),
-    };
-    let (components, tiles) = (native.info()?.components, native.tiles()?);
-    statistics::of(|count| {
-        native.for_each_leaf(|leaf| {
-            for i in (0..512).filter(|i| leaf.active[i >> 6] >> (i & 63) & 1 == 1) {
-                count(magnitude(&leaf.values[i * components..][..components]), 1);
-            }
-            true
-        })?;
-        for tile in tiles.iter().filter(|t| t.active) {
-            count(magnitude(&tile.value[..components]), (tile.dim as u64).pow(3));
-        }
-        Ok(())
     })
 }
 
@@ -240,7 +218,8 @@ impl fmt::Display for Grid {
                 writeln!(f, "  min {min}, max {max}, mean {mean:.6}; histogram {:?}", s.histogram)?;
             }
             if s.nan + s.infinite > 0 {
-                writeln!(f, "  {} NaN, {} infinite: cumulo convert --repair sets them to zero", s.nan, s.infinite)?;
+                let remedy = worded("cumulo convert ⟨repair⟩ sets them to zero");
+                writeln!(f, "  {} NaN, {} infinite: {remedy}", s.nan, s.infinite)?;
             }
         }
         match &self.transfer {

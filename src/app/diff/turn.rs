@@ -1,25 +1,41 @@
 //! Volumes that agree but for a quarter turn about x, as files with Y up and with Z up do.
 
-use super::Loaded;
+use super::grids::Loaded;
 use crate::error::Result;
 use crate::formats::vdb::{GridInfo, Transform};
 use crate::math::{Aabb, Affine};
 use crate::metrics::volume::{Difference, Effort, compare_within};
 use crate::scene::up::Up;
+use crate::wording::worded;
 use schemars::JsonSchema;
 use serde::Serialize;
+use std::fmt;
 
 /// A turn of the second volume about x, and how far it is then from the first.
 #[derive(Debug, Serialize, JsonSchema)]
 pub struct Turned {
     /// Up axis of the second volume if this is a matter of up axes; the first has the other one.
-    pub(super) second_up: Up,
+    second_up: Up,
     /// Angle of the turn about x in degrees, 90 or -90.
-    pub(super) degrees: i32,
+    degrees: i32,
     /// RMS of the difference after the turn.
-    pub(super) rms: f64,
+    rms: f64,
     /// Largest difference after the turn.
     max_abs: f64,
+}
+
+impl fmt::Display for Turned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { second_up, degrees, rms, .. } = self;
+        let (second, first) = (second_up.name(), second_up.other().name());
+        let axis = first.to_ascii_lowercase();
+        write!(
+            f,
+            "equal but for a turn of the second by {degrees} degrees about x (rms {rms:.4e} then): {first}-up against \
+             {second}-up; {} turns it",
+            worded(&format!("cumulo convert ⟨up={axis}⟩"))
+        )
+    }
 }
 
 /// Share of the RMS as the volumes lie that a turn may leave for them to count as equal but for the turn.

@@ -1,4 +1,4 @@
-//! `cumulo validate`: faults of files, with remedies.
+//! Faults of files, with remedies.
 
 mod capture;
 mod findings;
@@ -7,9 +7,8 @@ mod sequence;
 mod traits;
 mod volume;
 
-use super::info::Failure;
-use super::memory::Memory;
-use super::output::Output;
+use crate::app::Context;
+use crate::app::failure::Failure;
 use crate::app::sequence::FrameSelection;
 use crate::error::{Error, Kind, Result};
 use crate::formats::imaging::format as imaging;
@@ -19,31 +18,31 @@ use crate::text::printable;
 use findings::Findings;
 use schemars::JsonSchema;
 use sequence::CheckedSequence;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use traits::Traits;
 
-/// Say what is wrong with files and what to do; exit code 1 if anything is
+/// Settings of the check of files for faults.
 ///
-/// Of a sequence, 'smoke.####.vdb' or a folder of numbered files, each frame is checked, and so is the whole: frames
-/// that are missing, names, types of values and voxel sizes that change, and frames whose largest value or sum leaps.
-/// Warnings, such as pixels that contradict what a capture states, do not change the exit code.
-#[derive(Debug, clap::Args)]
-pub struct Validate {
-    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of
-    /// either) with their pictures, and sequences of files
-    #[arg(required = true, value_name = "FILE")]
-    files: Vec<PathBuf>,
-    #[command(flatten)]
-    frames: FrameSelection,
-    #[command(flatten)]
-    pub(in crate::cli) memory: Memory,
+/// Of a sequence, each frame is checked, and so is the whole: frames that are missing, names, types of values and voxel
+/// sizes that change, and frames whose largest value or sum leaps.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ValidateSettings {
+    /// Files, captures or their folders; and patterns or folders of sequences.
+    #[serde(with = "crate::app::paths")]
+    pub files: Vec<PathBuf>,
+    /// Frames of sequences to check.
+    pub frames: FrameSelection,
+    /// Memory that the work may take.
+    #[serde(flatten)]
+    pub limits: Limits,
 }
 
+/// Report of what is wrong with files, and what to do.
 #[derive(Debug, Serialize, JsonSchema)]
-pub(in crate::cli) struct Report {
+pub struct ValidateReport {
     valid: bool,
     /// Files in the order in which they were given; those of sequences frame by frame.
     files: Vec<Checked>,
@@ -86,15 +85,28 @@ impl Checked {
     }
 }
 
-impl Validate {
-    /// Checks the files and reports; files that cannot be read do not keep others from being reported.
+impl ValidateReport {
+    /// True if all files could be read, and none has a fault.
+    pub fn valid(&self) -> bool {
+        self.valid
+    }
+
+    /// True if all files, and all frames between the first and the last one of sequences, could be read.
+    pub fn complete(&self) -> bool {
+        // A frame that is missing is one that cannot be read.
+        self.files.iter().all(|f| f.error.is_none()) && self.sequences.iter().all(|s| s.missing.is_empty())
+    }
+}
+
+impl ValidateSettings {
+    /// Checks the files; faults, and files that cannot be read, are part of the report.
     ///
     /// # Errors
-    /// If the only file cannot be read at all; faults of its content are part of the report.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+    /// If the only file cannot be read at all.
+    pub fn run(&self, context: &Context) -> Result<ValidateReport> {
         let (mut files, mut sequences) = (Vec::new(), Vec::new());
         for path in &self.files {
-            match self.sequences(path, output) {
+            match self.sequences(path, context) {
                 Ok(found) if !found.is_empty() => {
                     for (checked, frames) in found {
                         let place = sequences.len();
@@ -103,58 +115,55 @@ impl Validate {
                     }
                 }
                 Err(error) if error.kind() == Kind::Cancelled => return Err(error),
-                found => files.push(self.file(path, found.err(), output)?),
+                found => files.push(self.file(path, found.err(), context)?),
             }
         }
         let valid = files.iter().all(|f| f.valid) && sequences.iter().all(|s| s.valid);
-        // A frame that is missing is one that cannot be read.
-        let failed = files.iter().any(|f| f.error.is_some()) || sequences.iter().any(|s| !s.missing.is_empty());
-        output.report(&Report { valid, files, sequences })?;
-        Ok(ExitCode::from(if failed { 2 } else { u8::from(!valid) }))
+        Ok(ValidateReport { valid, files, sequences })
     }
 
     /// Checks the sequences that a path names; none for the path of a file or a capture.
-    fn sequences(&self, path: &Path, output: &Output) -> Result<Vec<(CheckedSequence, Vec<Checked>)>> {
-        self.frames.sequences(path)?.iter().map(|sequence| self.sequence(sequence, output)).collect()
+    fn sequences(&self, path: &Path, context: &Context) -> Result<Vec<(CheckedSequence, Vec<Checked>)>> {
+        self.frames.sequences(path)?.iter().map(|sequence| self.sequence(sequence, context)).collect()
     }
 
     /// Checks a file, or reports the `error` for which its path names none.
     ///
     /// # Errors
     /// If it cannot be read and is the only one.
-    fn file(&self, path: &Path, error: Option<Error>, output: &Output) -> Result<Checked> {
-        let _stage = output.stage("checking");
+    fn file(&self, path: &Path, error: Option<Error>, context: &Context) -> Result<Checked> {
+        let _stage = context.stage("checking");
         let result = match error {
             Some(error) => Err(error),
-            None => self.frames.refuse(path).and_then(|()| self.check(path, self.memory.limits())),
+            None => self.frames.refuse(path).and_then(|()| check(path, self.limits)),
         };
         match result {
             Ok((checked, _)) => Ok(checked),
             Err(error) if self.files.len() == 1 => Err(error),
-            Err(error) => Ok(Checked::failed(path, Failure::new(&error))),
+            Err(error) => Ok(Checked::failed(path, Failure::new(&error, context))),
         }
-    }
-
-    /// Checks a file, and returns what it is compared by if it is a frame of a sequence.
-    fn check(&self, path: &Path, limits: Limits) -> Result<(Checked, Traits)> {
-        let format = formats::sniff(path)?;
-        let (mut findings, mut traits) = (Findings::default(), Traits::new());
-        match format {
-            Format::Vdb => traits = volume::check(path, limits, &mut findings)?,
-            Format::NanoVdb => traits = nano::check(path, limits, &mut findings)?,
-            Format::Exr => findings.extend(formats::exr::problems_within(path, limits)?),
-            Format::Capture => capture::check(path, limits, &mut findings)?,
-            Format::Usd => findings.extend(formats::usd::problems(path, limits)?),
-            // A scan is nothing that is checked; what is of no kind at all may be a volume that was damaged.
-            Format::Unknown if imaging::sniff(path)?.is_some() => return Err(formats::unknown(path)),
-            Format::Unknown => findings.refusal(formats::unknown(path))?,
-        }
-        let (path, valid) = (path.to_path_buf(), findings.valid());
-        Ok((Checked { path, frame: None, sequence: 0, format: Some(format), valid, findings, error: None }, traits))
     }
 }
 
-impl fmt::Display for Report {
+/// Checks a file, and returns what it is compared by if it is a frame of a sequence.
+fn check(path: &Path, limits: Limits) -> Result<(Checked, Traits)> {
+    let format = formats::sniff(path)?;
+    let (mut findings, mut traits) = (Findings::default(), Traits::new());
+    match format {
+        Format::Vdb => traits = volume::check(path, limits, &mut findings)?,
+        Format::NanoVdb => traits = nano::check(path, limits, &mut findings)?,
+        Format::Exr => findings.extend(formats::exr::problems_within(path, limits)?),
+        Format::Capture => capture::check(path, limits, &mut findings)?,
+        Format::Usd => findings.extend(formats::usd::problems(path, limits)?),
+        // A scan is nothing that is checked; what is of no kind at all may be a volume that was damaged.
+        Format::Unknown if imaging::sniff(path)?.is_some() => return Err(formats::unknown(path)),
+        Format::Unknown => findings.refusal(formats::unknown(path))?,
+    }
+    let (path, valid) = (path.to_path_buf(), findings.valid());
+    Ok((Checked { path, frame: None, sequence: 0, format: Some(format), valid, findings, error: None }, traits))
+}
+
+impl fmt::Display for ValidateReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for file in self.files.iter().filter(|file| file.frame.is_none()) {
             if let Some(failure) = &file.error {

@@ -45,24 +45,24 @@ pub struct Track {
     pub peak: f64,
 }
 
-/// Report of a comparison of sequences.
+/// Report of two sequences.
 #[derive(Debug, Serialize, JsonSchema)]
-pub struct Report {
+pub struct SequencesReport {
     #[serde(flatten)]
-    pub all: Track,
-    /// The sequence of `--beside` against the same reference.
+    pub(super) all: Track,
+    /// The sequence of `beside` against the same reference.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub beside: Option<Track>,
+    pub(super) beside: Option<Track>,
     /// Frames that not all of the sequences have.
-    pub left_out: Vec<u32>,
+    pub(super) left_out: Vec<u32>,
     /// Frames that could not be read or compared.
-    pub failed: Vec<Failed>,
-    pub differ: bool,
+    pub(super) failed: Vec<Failed>,
+    pub(super) differ: bool,
     /// Differences between the frames beside their samples, in words.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub differences: Vec<String>,
+    pub(super) differences: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none", serialize_with = "crate::app::paths::text")]
-    pub report: Option<PathBuf>,
+    pub(super) report: Option<PathBuf>,
 }
 
 /// A figure in decibels, or a dash.
@@ -94,7 +94,7 @@ impl fmt::Display for Track {
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for SequencesReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.all)?;
         if let Some(beside) = &self.beside {

@@ -5,9 +5,9 @@ use crate::metrics::statistical::{Region, Verdict};
 use serde::Serialize;
 use std::fmt;
 
-/// Verdict with what it rests on.
+/// Verdict on two noisy pictures with what it rests on.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub struct Report {
+pub struct StatisticalReport {
     #[serde(flatten)]
     verdict: Verdict,
     noise: Sides,
@@ -21,9 +21,14 @@ struct Sides {
     b: Noise,
 }
 
-impl Report {
+impl StatisticalReport {
+    /// True if the expected values differ.
+    pub(in crate::app::compare) fn differ(&self) -> bool {
+        self.verdict.differ
+    }
+
     /// Joins a verdict with the noise of both sides.
-    pub fn new(verdict: Verdict, [a, b]: [Noise; 2], heatmap_scale: Option<f64>) -> Self {
+    pub(super) fn new(verdict: Verdict, [a, b]: [Noise; 2], heatmap_scale: Option<f64>) -> Self {
         Self { verdict, noise: Sides { a, b }, heatmap_scale }
     }
 }
@@ -56,7 +61,7 @@ fn place(f: &mut fmt::Formatter<'_>, name: &str, region: Option<&Region>, p: f64
     row(f, name, r.t, p, &at)
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for StatisticalReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let v = &self.verdict;
         writeln!(f, "size      {} x {}", v.size[0], v.size[1])?;

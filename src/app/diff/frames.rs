@@ -1,25 +1,25 @@
 //! Two sequences of VDBs, frame by frame.
 
-use super::{Diff, Report};
+use super::DiffSettings;
+use super::report::FilesReport;
+use crate::app::Context;
 use crate::app::failed::{Failed, List};
 use crate::app::sequence::{Sequence, common, each, parted};
-use crate::cli::output::Output;
 use crate::error::{Error, Result};
 use serde::Serialize;
 use std::fmt;
-use std::process::ExitCode;
 
 /// Report of two sequences.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Sequences {
+pub struct SequencesReport {
     /// True if all frames are the same, and none failed or is in one sequence alone.
-    same: bool,
+    pub(super) same: bool,
     frames: Vec<Frame>,
     /// Number of frames that differ.
     different: usize,
     /// Frames that only one of the sequences has.
     left_out: Vec<u32>,
-    failed: Vec<Failed>,
+    pub(super) failed: Vec<Failed>,
     /// Largest absolute difference of all frames and grids.
     max_abs: f64,
     /// Lowest PSNR of all frames and grids in dB; none if no frame has one.
@@ -30,15 +30,15 @@ pub(in crate::cli) struct Sequences {
 struct Frame {
     frame: u32,
     #[serde(flatten)]
-    report: Report,
+    report: FilesReport,
 }
 
-impl Diff {
-    /// Compares frames of equal number, several at a time. Exit code 2 if one failed.
+impl DiffSettings {
+    /// Compares frames of equal number, several at a time. Frames that fail are part of the report.
     ///
     /// # Errors
     /// If the sequences have no frame in common.
-    pub(super) fn frames(&self, sequences: &[Sequence; 2], output: &Output) -> Result<ExitCode> {
+    pub(super) fn sequences(&self, sequences: &[Sequence; 2], context: &Context) -> Result<SequencesReport> {
         let [a, b] = sequences;
         let (both, left_out) = common(&[a, b]);
         if both.is_empty() {
@@ -49,23 +49,21 @@ impl Diff {
         let work = |number: u32, limits| {
             let paths = [a.path(number), b.path(number)];
             // The bar is that of the sequence.
-            self.compared([&paths[0], &paths[1]], limits, &output.silent())
+            self.files([&paths[0], &paths[1]], limits, &context.silent())
         };
-        let (done, failed) = parted(each(&both, "comparing", self.memory.limits(), output, work)?);
-        output.failed(&failed);
+        let (done, failed) = parted(each(&both, "comparing", self.limits, context, work)?);
+        context.failed(&failed);
         let grids = || done.iter().flat_map(|(_, report)| &report.grids).map(|grid| &grid.difference);
         let max_abs = grids().fold(0.0_f64, |most, d| most.max(d.max_abs));
         let psnr_db = grids().filter_map(|d| d.psnr_db).reduce(f64::min);
         let frames: Vec<Frame> = done.into_iter().map(|(frame, report)| Frame { frame, report }).collect();
         let different = frames.iter().filter(|frame| !frame.report.same).count();
         let same = different == 0 && failed.is_empty() && left_out.is_empty();
-        let code = if failed.is_empty() { u8::from(!same) } else { 2 };
-        output.report(&Sequences { same, frames, different, left_out, failed, max_abs, psnr_db })?;
-        Ok(ExitCode::from(code))
+        Ok(SequencesReport { same, frames, different, left_out, failed, max_abs, psnr_db })
     }
 }
 
-impl fmt::Display for Sequences {
+impl fmt::Display for SequencesReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for Frame { frame, report } in &self.frames {
             writeln!(f, "frame {frame}: {}", report.to_string().trim_end().replace('\n', "\n  "))?;

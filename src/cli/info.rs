@@ -1,0 +1,44 @@
+//! `cumulo info`: the content of files.
+
+use super::args::read_as;
+use super::memory::Memory;
+use super::output::Output;
+use crate::app::info::InfoSettings;
+use crate::app::sequence::FrameSelection;
+use crate::error::Result;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Show what is in files: grids of VDBs and NanoVDBs, layers of EXRs, cameras of captures, volumes of USD stages, scans
+///
+/// Of a sequence, 'smoke.####.vdb' or a folder of numbered files, each frame is shown in a line; --json has all of
+/// each.
+#[derive(Debug, clap::Args)]
+struct InfoArgs {
+    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of
+    /// either), scans and fields in the formats that `cumulo convert` reads, and sequences of files
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    #[command(flatten)]
+    frames: FrameSelection,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+impl From<InfoArgs> for InfoSettings {
+    fn from(args: InfoArgs) -> Self {
+        Self { files: args.files, frames: args.frames, limits: args.memory.limits() }
+    }
+}
+
+read_as!(InfoSettings, InfoArgs);
+
+/// Reads and reports. The exit code is 2 if a file or a frame could not be read.
+///
+/// # Errors
+/// Those of [`InfoSettings::run`].
+pub fn run(settings: &InfoSettings, output: &Output) -> Result<ExitCode> {
+    let report = settings.run(output)?;
+    output.report(&report)?;
+    Ok(if report.complete() { ExitCode::SUCCESS } else { ExitCode::from(2) })
+}
