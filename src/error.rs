@@ -28,6 +28,76 @@ pub enum Kind {
     Cancelled,
 }
 
+/// What went wrong, for programs: a name that stays, whatever the words of the message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Code {
+    /// The input contradicts its format or the request, in a way that has no code of its own.
+    Invalid,
+    /// The input is well formed, but this program does not handle it.
+    Unsupported,
+    /// The words of the command line, or the settings, could not be read.
+    Usage,
+    /// The OpenVDB library refused the file.
+    OpenVdb,
+    /// A file or a folder does not exist.
+    NotFound,
+    /// The permissions of a file or folder forbid what was tried.
+    PermissionDenied,
+    /// The disk, the quota or the limit on file sizes is exhausted.
+    StorageFull,
+    /// A file ends before its content does.
+    Incomplete,
+    /// The operating system reported another error.
+    System,
+    /// The work was stopped.
+    Cancelled,
+    /// The work would take more memory than it may (`max_memory`).
+    MemoryLimit,
+    /// The file is of no kind that is read here.
+    UnknownFormat,
+    /// No grid, or several, have the name or the use that is asked for.
+    NoSuchGrid,
+    /// No layer of the picture, or several, have the name that is asked for.
+    NoSuchLayer,
+    /// The grid holds nothing.
+    EmptyGrid,
+    /// An output would replace a file that other settings wrote.
+    OutputExists,
+    /// An output would replace an input.
+    OutputIsInput,
+    /// The name of an output does not fit its content.
+    OutputName,
+    /// Pictures, cameras and the model contradict each other.
+    Contradiction,
+    /// Some frames failed, and the others are there.
+    FramesFailed,
+}
+
+impl fmt::Display for Code {
+    /// Writes the name, such as `memory-limit`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        serde::Serialize::serialize(self, f)
+    }
+}
+
+/// An error as documents for programs state it.
+#[derive(Debug, Clone, serde::Serialize, schemars::JsonSchema)]
+pub struct Facts<'e> {
+    /// What went wrong, for programs; it stays, whatever the words of the description.
+    pub code: Code,
+    /// Description of the error.
+    pub what: Cow<'e, str>,
+    /// File in which it happened.
+    pub file: Option<Cow<'e, str>>,
+    /// Grid, layer, frame or argument that it concerns.
+    pub part: Option<&'e str>,
+    /// Advice to the user.
+    #[serde(rename = "do")]
+    pub remedy: Option<Cow<'e, str>>,
+}
+
 /// An error with the file and the part of it in which it happened.
 #[derive(Debug)]
 pub struct Error(Box<Inner>);
@@ -35,6 +105,8 @@ pub struct Error(Box<Inner>);
 #[derive(Debug)]
 struct Inner {
     kind: Kind,
+    /// None for the code of the kind.
+    code: Option<Code>,
     path: Option<PathBuf>,
     part: Option<String>,
     what: String,
@@ -44,7 +116,7 @@ struct Inner {
 
 impl Error {
     fn new(kind: Kind, what: impl Into<String>) -> Self {
-        Self(Box::new(Inner { kind, path: None, part: None, what: what.into(), hint: None, source: None }))
+        Self(Box::new(Inner { kind, code: None, path: None, part: None, what: what.into(), hint: None, source: None }))
     }
     /// An error of [`Kind::Unsupported`]: the input is well formed, but this program does not handle it.
     pub fn unsupported(what: impl Into<String>) -> Self {
@@ -71,6 +143,12 @@ impl Error {
         let mut e = Self::new(Kind::Io, source.to_string());
         e.0.source = Some(source);
         e
+    }
+    /// Gives the error a code of its own, unless an inner call already did so.
+    #[must_use]
+    pub fn coded(mut self, code: Code) -> Self {
+        self.0.code.get_or_insert(code);
+        self
     }
     /// Replaces the message, for instance to add to that of the operating system.
     #[must_use]
@@ -122,6 +200,21 @@ impl Error {
     pub fn kind(&self) -> Kind {
         self.0.kind
     }
+    /// What went wrong, for programs: the code that the error was given, else that of its kind.
+    pub fn code(&self) -> Code {
+        self.0.code.unwrap_or_else(|| match self.0.kind {
+            Kind::Unsupported => Code::Unsupported,
+            Kind::Invalid => Code::Invalid,
+            Kind::Native => Code::OpenVdb,
+            Kind::Cancelled => Code::Cancelled,
+            Kind::Io => self.io_kind().map_or(Code::System, io_code),
+        })
+    }
+    /// All that is known of the error, for documents.
+    pub fn facts(&self) -> Facts<'_> {
+        let file = self.path().map(Path::to_string_lossy);
+        Facts { code: self.code(), what: self.what(), file, part: self.place(), remedy: self.remedy() }
+    }
     /// Kind of the underlying operating-system error, if there is one.
     pub fn io_kind(&self) -> Option<ErrorKind> {
         self.0.source.as_ref().map(std::io::Error::kind)
@@ -152,6 +245,16 @@ impl Error {
             Kind::Unsupported | Kind::Invalid | Kind::Cancelled => None,
         });
         hint.map(worded)
+    }
+}
+
+fn io_code(kind: ErrorKind) -> Code {
+    match kind {
+        ErrorKind::NotFound | ErrorKind::NotADirectory => Code::NotFound,
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => Code::PermissionDenied,
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => Code::StorageFull,
+        ErrorKind::UnexpectedEof => Code::Incomplete,
+        _ => Code::System,
     }
 }
 
@@ -233,6 +336,14 @@ mod tests {
         assert!(!error.contains(|c| crate::text::acts(c) && c != '\n'), "{error}");
         assert_eq!(error.lines().count(), 2, "{error}");
         assert!(error.contains(r"\u{1b}[2J"), "{error}");
+    }
+
+    #[test]
+    fn codes_have_names_and_the_inner_one_counts() {
+        assert_eq!(Error::invalid("no").code(), Code::Invalid);
+        assert_eq!(Error::io("a", ErrorKind::StorageFull.into()).code().to_string(), "storage-full");
+        let error = Error::unsupported("large").coded(Code::MemoryLimit).coded(Code::Usage);
+        assert_eq!(error.code().to_string(), "memory-limit");
     }
 
     #[test]

@@ -2,10 +2,10 @@
 
 #![allow(unsafe_code)]
 
+use crate::error::{Code, Error};
 use crate::formats::{reading, temporary};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::alloc::{GlobalAlloc, Layout, System};
-use std::path::Path;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
@@ -98,8 +98,8 @@ fn checked(pointer: *mut u8, size: usize) -> *mut u8 {
     pointer
 }
 
-/// Receives what ended the program, the file that was being read, its part, and the remedy.
-pub type OnEnd = fn(&str, Option<&Path>, Option<&str>, Option<&str>);
+/// Receives the error that ended the program.
+pub type OnEnd = fn(&Error);
 
 static ON_END: OnceLock<OnEnd> = OnceLock::new();
 
@@ -111,12 +111,12 @@ pub fn on_end(hook: OnEnd) {
 /// Ends the program after an allocation of `size` bytes failed.
 #[cold]
 fn exhausted(size: usize) -> ! {
-    end(|| {
+    end(Code::MemoryLimit, smaller(), || {
         let allowed = match ALLOWED.load(Ordering::Relaxed) {
             0 => String::new(),
             bytes => format!(", {} MiB are allowed in all", bytes >> 20),
         };
-        (format!("out of memory: {size} bytes more are needed{allowed}"), smaller())
+        format!("out of memory: {size} bytes more are needed{allowed}")
     })
 }
 
@@ -124,8 +124,11 @@ fn exhausted(size: usize) -> ! {
 pub fn abandon(what: &str) -> ! {
     // A thread whose stack finds no room wants memory, too.
     let memory = what == "out of memory" || what.contains("pthread_create");
-    let remedy = if memory { smaller() } else { "the file may be damaged; export it again" };
-    end(|| (format!("OpenVDB: {what}"), remedy))
+    let (code, remedy) = match memory {
+        true => (Code::MemoryLimit, smaller()),
+        false => (Code::OpenVdb, "the file may be damaged; export it again"),
+    };
+    end(code, remedy, || format!("OpenVDB: {what}"))
 }
 
 /// Returns the advice to those whose work needs more memory than is allowed. It is no text with settings to be named:
@@ -135,7 +138,7 @@ fn smaller() -> &'static str {
 }
 
 /// Prints an error message that names the file being read, and ends the program with exit code 2.
-fn end(what: impl FnOnce() -> (String, &'static str)) -> ! {
+fn end(code: Code, remedy: &'static str, what: impl FnOnce() -> String) -> ! {
     static ENDING: AtomicBool = AtomicBool::new(false);
     if ENDING.swap(true, Ordering::SeqCst) {
         // Another thread is already ending the process.
@@ -146,12 +149,12 @@ fn end(what: impl FnOnce() -> (String, &'static str)) -> ! {
     // The message and the clean-up need memory of their own, so the limit is lifted.
     let before = getrlimit(Resource::Data);
     let _ = setrlimit(Resource::Data, Rlimit { current: before.maximum, maximum: before.maximum });
-    let (path, (what, remedy)) = (reading::latest(), what());
+    let error = Error::native(what()).coded(code).hint(remedy);
+    let error = reading::latest().into_iter().fold(error, Error::at);
     if let Some(hook) = ON_END.get() {
-        hook(&what, path.as_deref(), None, Some(remedy));
+        hook(&error);
     }
-    let file = path.map(|path| format!("{}: ", path.display())).unwrap_or_default();
-    let text = format!("cumulo: {file}{what}\n  {remedy}\n");
+    let text = format!("cumulo: {error}\n");
     // The standard library's stream is avoided because this thread may hold its lock.
     let _ = rustix::io::write(rustix::stdio::stderr(), text.as_bytes());
     leave_after(2, SHORT_PATIENCE)

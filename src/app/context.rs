@@ -127,14 +127,14 @@ impl Context {
 
     /// Says which frames failed, and why.
     pub fn failed(&self, failed: &[Failed]) {
-        for Failed { frame, error } in failed {
-            self.progress.event(&Event::Failed { frame: *frame, error });
+        for Failed { frame, code, error } in failed {
+            self.progress.event(&Event::Failed { frame: *frame, code: *code, error });
         }
     }
 
     /// Says why one of several files could not be read.
     pub fn unread(&self, error: &Error) {
-        self.progress.event(&Event::Unread { error: &error.to_string() });
+        self.progress.event(&Event::Unread { code: error.code(), error: &error.to_string() });
     }
 
     fn once(&self, text: &str, tell: impl FnOnce(&str)) {

@@ -1,6 +1,6 @@
 //! Frames of a sequence that failed while the others went on.
 
-use crate::error::Error;
+use crate::error::{Code, Error};
 use crate::text::ranges;
 use serde::Serialize;
 use std::fmt;
@@ -10,6 +10,8 @@ use std::fmt;
 pub struct Failed {
     /// Number of the frame.
     pub frame: u32,
+    /// What went wrong, for programs.
+    pub code: Code,
     /// The error with its remedy.
     pub error: String,
 }
@@ -17,7 +19,7 @@ pub struct Failed {
 impl Failed {
     /// Keeps the error by which a frame failed.
     pub fn new(frame: u32, error: &Error) -> Self {
-        Self { frame, error: error.to_string() }
+        Self { frame, code: error.code(), error: error.to_string() }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Errors of some of the files that a use case is given, while it goes on with the others.
 
 use crate::app::Context;
-use crate::error::Error;
+use crate::error::{Code, Error};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::fmt;
@@ -11,6 +11,8 @@ use std::fmt;
 pub struct Failure {
     /// Grid, layer or frame that the error concerns; none if it is the whole file.
     part: Option<String>,
+    /// What went wrong, for programs.
+    code: Code,
     what: String,
     #[serde(rename = "do")]
     remedy: Option<String>,
@@ -21,7 +23,7 @@ impl Failure {
     pub fn new(error: &Error, context: &Context) -> Self {
         context.unread(error);
         let (part, remedy) = (error.place().map(str::to_owned), error.remedy().map(Cow::into_owned));
-        Self { part, what: error.what().into_owned(), remedy }
+        Self { part, code: error.code(), what: error.what().into_owned(), remedy }
     }
 }
 

@@ -2,7 +2,7 @@
 //! settings.
 
 use super::provenance::Provenance;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{atomic, exr, png, protected, transforms};
 use crate::report::FILE_NAME as PAGE;
@@ -63,6 +63,7 @@ pub fn file(path: &Path, content: Content) -> Result<()> {
     let named = path.extension().and_then(OsStr::to_str).filter(|e| e.chars().any(|c| c.is_ascii_alphabetic()));
     if let Some(other) = named.filter(|e| !e.eq_ignore_ascii_case(ending)) {
         return Err(Error::invalid(format!("{what} would be written, which a name that ends in .{other} hides"))
+            .coded(Code::OutputName)
             .at(path)
             .hint(format!("let the name end in .{ending}")));
     }
@@ -86,6 +87,7 @@ pub fn folder(path: &Path) -> Result<()> {
     match ending.filter(|e| FILES.iter().any(|f| e.eq_ignore_ascii_case(f))) {
         Some(ending) => {
             Err(Error::invalid(format!("a folder would be made, which a name that ends in .{ending} hides"))
+                .coded(Code::OutputName)
                 .at(path)
                 .hint(hint))
         }
@@ -140,11 +142,15 @@ pub fn spare_captures(json: &Path, pictures: &[PathBuf], provenance: &Provenance
             return Ok(());
         }
         return Err(Error::invalid("another capture lies here, and would be replaced with its pictures")
+            .coded(Code::OutputExists)
             .at(json)
             .hint(hint));
     }
     match pictures.iter().find(|p| p.exists()) {
-        Some(picture) => Err(Error::invalid("a picture lies here that would be replaced").at(picture).hint(hint)),
+        Some(picture) => Err(Error::invalid("a picture lies here that would be replaced")
+            .coded(Code::OutputExists)
+            .at(picture)
+            .hint(hint)),
         None => Ok(()),
     }
 }
@@ -178,10 +184,12 @@ pub fn is_own_picture(path: &Path, attribute: &str, own: &Provenance, overwrite:
     }
     if is_damaged(path) {
         return Err(Error::invalid("the picture that lies here is damaged or incomplete, and cannot be read")
+            .coded(Code::OutputExists)
             .at(path)
             .hint("⟨overwrite⟩ replaces it"));
     }
     Err(Error::invalid("a picture lies here that another command made, and would be replaced")
+        .coded(Code::OutputExists)
         .at(path)
         .hint("give another name, or ⟨overwrite⟩ to replace it"))
 }

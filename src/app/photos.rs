@@ -1,7 +1,7 @@
 //! The pictures of a capture, and which of them are held out.
 
 use crate::app::checks::Warning;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::exr;
 use crate::formats::limits::Limits;
 use crate::formats::picture;
@@ -35,6 +35,7 @@ pub fn each<T: Send>(
     let pixels = capture.pixels();
     if pixels * bytes > limits.max_memory {
         return Err(Error::unsupported(format!("{pixels} pixels do not fit in memory"))
+            .coded(Code::MemoryLimit)
             .hint("use fewer or smaller pictures, or raise ⟨max_memory⟩"));
     }
     let read = |frame: &Frame| {

@@ -1,6 +1,7 @@
 //! Progress of a use case, as events that its face shows.
 
 use crate::app::checks::Warning;
+use crate::error::Code;
 use serde::Serialize;
 
 /// Receiver of what happens while a use case runs, from any thread.
@@ -82,11 +83,15 @@ pub enum Event<'e> {
     Failed {
         /// Number of the frame.
         frame: u32,
+        /// What went wrong, for programs.
+        code: Code,
         /// Error with its remedy.
         error: &'e str,
     },
     /// One of several files could not be read, and the others go on.
     Unread {
+        /// What went wrong, for programs.
+        code: Code,
         /// Error with its file and remedy.
         error: &'e str,
     },

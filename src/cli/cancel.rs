@@ -100,8 +100,9 @@ fn watch() {
 
 /// Prints that nothing was written, and returns the exit code of a program that a signal ended.
 pub fn nothing_found() -> u8 {
-    document::write(NOTHING_FOUND, None, None, None);
-    progress::tell(&Error::cancelled().saying(NOTHING_FOUND));
+    let error = Error::cancelled().saying(NOTHING_FOUND);
+    document::error(&error);
+    progress::tell(&error);
     code()
 }
 

@@ -1,12 +1,11 @@
 //! JSON documents of `--json`: every one names the version of its layout and the command that wrote it.
 
-use crate::error::Error;
+use crate::error::{Error, Facts};
 use crate::text::printable_json;
 use schemars::generate::SchemaSettings;
 use schemars::transform::{Transform, transform_subschemas};
 use schemars::{JsonSchema, Schema};
 use serde::Serialize;
-use std::path::Path;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -47,20 +46,7 @@ pub struct Document<'d, T> {
 #[derive(Debug, Serialize, JsonSchema)]
 struct Failure<'d> {
     /// Error that ended the command.
-    error: Fault<'d>,
-}
-
-#[derive(Debug, Serialize, JsonSchema)]
-struct Fault<'d> {
-    /// Description of the error.
-    what: &'d str,
-    /// File in which it happened.
-    file: Option<String>,
-    /// Grid, layer, frame or argument that it concerns.
-    part: Option<&'d str>,
-    /// Advice to the user.
-    #[serde(rename = "do")]
-    remedy: Option<&'d str>,
+    error: Facts<'d>,
 }
 
 /// Document of a command.
@@ -120,17 +106,11 @@ impl Transform for Nullable {
     }
 }
 
-/// Writes an error as JSON on standard output, if `--json` is given.
+/// Writes the error that ended the program as JSON on standard output, if `--json` is given and no document is written
+/// yet. The standard library's stream is avoided because another thread may hold its lock.
 pub fn error(error: &Error) {
-    write(&error.what(), error.path(), error.place(), error.remedy().as_deref());
-}
-
-/// Writes what ended the program as JSON on standard output, if `--json` is given and no document is written yet. The
-/// standard library's stream is avoided because another thread may hold its lock.
-pub fn write(what: &str, file: Option<&Path>, part: Option<&str>, remedy: Option<&str>) {
     let Some(command) = COMMAND.get().filter(|_| !REPORTED.swap(true, Ordering::SeqCst)) else { return };
-    let file = file.map(|path| path.to_string_lossy().into_owned());
-    let report = Failure { error: Fault { what, file, part, remedy } };
+    let report = Failure { error: error.facts() };
     if let Ok(json) = serde_json::to_string_pretty(&Document { version: VERSION, command, report: &report }) {
         let text = format!("{}\n", printable_json(&json));
         let mut rest = text.as_bytes();

@@ -49,7 +49,7 @@ use crate::app::render::RenderSettings;
 use crate::app::report::PageSettings;
 use crate::app::validate::ValidateSettings;
 use crate::app::viewpoint::ViewpointSettings;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Code, Error, Kind, Result};
 use crate::formats::limits::Limits;
 use crate::formats::protected;
 use crate::formats::vdb::{self, helper};
@@ -310,7 +310,8 @@ fn refused(mut usage: clap::Error, command: Option<String>) -> ExitCode {
     }
     if let Some(command) = command {
         document::begin(&command);
-        document::write(&mistake(&usage.render().to_string()), None, None, Some(SEE_HELP));
+        let mistake = Error::invalid(mistake(&usage.render().to_string())).coded(Code::Usage);
+        document::error(&mistake.hint(SEE_HELP));
     }
     ExitCode::from(2)
 }
@@ -332,7 +333,7 @@ fn mistake(text: &str) -> String {
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
     if arguments.global.json {
         document::begin(&arguments.path);
-        process::on_end(document::write);
+        process::on_end(document::error);
     }
     cancel::install()?;
     protected::watch();

@@ -10,7 +10,6 @@ use serde_json::json;
 use std::collections::HashMap;
 use std::fmt::{self, Display};
 use std::io::{IsTerminal, Write};
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -34,10 +33,8 @@ pub(super) fn tell(error: &Error) {
         let _ = writeln!(std::io::stderr(), "cumulo: {error}");
         return;
     }
-    let file = error.path().map(Path::to_string_lossy);
-    let line = json!({
-        "event": "error", "what": error.what(), "file": file, "part": error.place(), "do": error.remedy(),
-    });
+    let mut line = json!(error.facts());
+    line["event"] = "error".into();
     let _ = writeln!(std::io::stderr(), "{}", printable_json(&line.to_string()));
 }
 
@@ -89,10 +86,10 @@ impl Terminal {
             Event::Detail { text } if self.verbose => self.say(text),
             Event::Warned { warning } => self.say(format_args!("warning: {}\n  {}", warning.what, warning.remedy)),
             // Said as errors that end a command, whatever `--quiet` silences.
-            Event::Failed { frame, error } => {
+            Event::Failed { frame, error, .. } => {
                 let _ = writeln!(std::io::stderr().lock(), "cumulo: frame {frame}: {error}");
             }
-            Event::Unread { error } => {
+            Event::Unread { error, .. } => {
                 let _ = writeln!(std::io::stderr().lock(), "cumulo: {error}");
             }
             Event::Began { .. } | Event::Detail { .. } | Event::Stoppable | Event::Loading | Event::Working => {}
@@ -110,10 +107,9 @@ impl Terminal {
 impl Progress for Terminal {
     fn event(&self, event: &Event<'_>) {
         super::cancel::take(event);
-        match (self.form, event) {
-            // Errors of files are told in words in either form.
-            (Form::Text, _) | (_, Event::Unread { .. }) => self.show(event),
-            (Form::Json, _) => {
+        match self.form {
+            Form::Text => self.show(event),
+            Form::Json => {
                 if let Ok(json) = serde_json::to_string(event) {
                     let _ = writeln!(std::io::stderr().lock(), "{}", printable_json(&json));
                 }

@@ -1,7 +1,7 @@
 //! Bounded input: regular files only, no more bytes than a format can need, and no JSON whose values would outgrow the
 //! memory allowed.
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::protected;
 use std::fs::File;
@@ -93,6 +93,7 @@ pub fn check_json_memory(text: &[u8], limits: Limits) -> Result<()> {
         mib(needed),
         mib(limits.max_memory)
     ))
+    .coded(Code::MemoryLimit)
     .hint("raise ⟨max_memory⟩ if the file is to be trusted"))
 }
 

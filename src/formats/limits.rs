@@ -1,6 +1,6 @@
 //! Limits of the memory that reading a file may take.
 
-use crate::error::Error;
+use crate::error::{Code, Error};
 
 /// Limits of the memory that reading a file may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -28,6 +28,7 @@ impl Limits {
             "the tree needs more than {needed} bytes ({leaves} leaves so far), {} are allowed",
             self.max_memory
         ))
+        .coded(Code::MemoryLimit)
         .hint("raise ⟨max_memory⟩ if the file is to be trusted, or crop or resample it where it was made")
     }
 }

@@ -26,7 +26,7 @@ pub mod vdb;
 pub mod video;
 pub mod views;
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use std::io::Read;
 use std::path::Path;
 
@@ -105,5 +105,6 @@ pub fn unknown(path: &Path) -> Error {
              OpenVDB file with cumulo convert",
         ),
     }
+    .coded(Code::UnknownFormat)
     .at(path)
 }

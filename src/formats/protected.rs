@@ -5,7 +5,7 @@
 //! puts no output in the place of a protected file. Files are told by device and inode, so that links and other
 //! spellings of a path lead to the same file.
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use std::collections::BTreeMap;
 use std::fs::Metadata;
 use std::os::unix::fs::MetadataExt;
@@ -71,6 +71,7 @@ pub(super) fn refuse(output: &Path, standing: &Metadata) -> Result<()> {
     // The system gives the inode of a file that is gone to another one.
     if std::fs::metadata(&input).is_ok_and(|metadata| identity(&metadata) == identity(standing)) {
         return Err(Error::invalid(format!("the output is an input of this command: {}", input.display()))
+            .coded(Code::OutputIsInput)
             .at(output)
             .hint("inputs are never replaced: give the output another name"));
     }

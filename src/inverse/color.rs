@@ -7,7 +7,7 @@
 //! the metric of the smoothness prior, without learning rates, and without the noise that descending in both at
 //! once leaves (Weiss & Westermann 2021, sect. 5.3).
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::inverse::density::multilevel;
 use crate::inverse::density::{Outcome, Request};
 use crate::inverse::observation::Observation;
@@ -226,6 +226,7 @@ fn fits(bricks: usize, max_memory: u64) -> Result<()> {
     let each = (1 + accumulators) * BRICK * size_of::<Vec4>() + 8 * 3 * LEAF_VOXELS * size_of::<f32>();
     if (bricks * each) as u64 > max_memory {
         return Err(Error::unsupported(format!("the colors of {bricks} blocks of 8³ voxels do not fit in memory"))
+            .coded(Code::MemoryLimit)
             .hint("choose a larger ⟨voxel_size⟩ or a smaller ⟨resolution⟩, or raise ⟨max_memory⟩"));
     }
     Ok(())

@@ -4,7 +4,7 @@
 //! from what a voxel and a step along a ray take on a processor of today, measured: it is right within a factor of a
 //! few.
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::inverse::density::Request;
 use crate::inverse::region::hull::Survey;
 use crate::scene::bricks::BRICK;
@@ -125,6 +125,7 @@ impl Cost {
             self.memory_mb,
             max_memory as f64 / MB
         ))
+        .coded(Code::MemoryLimit)
         .hint("choose a larger ⟨voxel_size⟩ or a smaller ⟨resolution⟩, give ⟨bounds⟩, or raise ⟨max_memory⟩"))
     }
 }

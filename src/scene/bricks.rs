@@ -6,7 +6,7 @@
 //! [`Bricks::from_grid`] stores separate values for every brick. [`Bricks::instanced`] stores the bricks of constant
 //! tiles once, for readers that never change a value.
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::math::{Aabb, Affine};
 use crate::real::Real;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
@@ -400,6 +400,7 @@ impl<R: Real> Bricks<R> {
 /// The error that `bytes` of memory are needed where `limit` are allowed.
 pub(crate) fn too_large(bytes: u64, limit: u64) -> Error {
     Error::unsupported(format!("needs {} MiB in memory, {} MiB are allowed", bytes.div_ceil(1 << 20), limit >> 20))
+        .coded(Code::MemoryLimit)
         .hint("raise ⟨max_memory⟩, or reduce the grid with ⟨convert.crop⟩ or ⟨convert.resample⟩")
 }
 

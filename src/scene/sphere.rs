@@ -4,7 +4,7 @@
 //! step is a rotation about an axis perpendicular to `back`: the exponential map of the sphere, which transports the up
 //! vector along. Without longitude and latitude, poles are points like any other.
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::orbit::{self, Layout};
 use crate::scene::up::Up;
@@ -37,7 +37,7 @@ impl Sphere {
     /// If there are no points.
     pub fn around(points: &[DVec3], size: [u32; 2], field_of_view: f64, up: Up) -> Result<Self> {
         if points.is_empty() {
-            return Err(Error::invalid("the grid is empty: there is nothing to look at"));
+            return Err(Error::invalid("the grid is empty: there is nothing to look at").coded(Code::EmptyGrid));
         }
         let (centre, radius) = orbit::ball(points);
         let half = (0.5 * field_of_view).to_radians();

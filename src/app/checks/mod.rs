@@ -13,7 +13,7 @@ pub mod left_out;
 pub mod pictures;
 pub mod residuals;
 
-use crate::error::Error;
+use crate::error::{Code, Error};
 use crate::wording::worded;
 use serde::{Deserialize, Serialize};
 
@@ -70,7 +70,7 @@ impl Finding {
 /// The first finding that is certain.
 pub fn refuse(findings: Vec<Finding>) -> Result<Vec<Warning>, Error> {
     if let Some(Finding { view, warning, .. }) = findings.iter().find(|f| f.certain) {
-        let error = Error::invalid(&warning.what).hint(&warning.remedy);
+        let error = Error::invalid(&warning.what).coded(Code::Contradiction).hint(&warning.remedy);
         return Err(match view {
             Some(view) => error.at(view),
             None => error,

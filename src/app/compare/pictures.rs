@@ -3,7 +3,7 @@
 use super::traits::{self, Matched};
 use super::{CompareSettings, space};
 use crate::app::outputs::{self, Content};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{exr, png};
 use crate::metrics::{self, Comparison, flip, heatmap};
@@ -120,6 +120,7 @@ impl CompareSettings {
             mib(limits.max_memory)
         ))
         .part(format!("{} and {}", paths[0].display(), paths[1].display()))
+        .coded(Code::MemoryLimit)
         .hint("raise ⟨max_memory⟩, or compare smaller pictures"))
     }
 }

@@ -4,7 +4,7 @@ use super::Repair;
 use super::converted::ConvertedGrid;
 use super::half;
 use super::images::losses;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::imaging::values::Mapping;
 use crate::formats::imaging::volume::{self, GridType};
 use crate::formats::limits::Limits;
@@ -169,6 +169,8 @@ impl Budget {
             return Ok(());
         }
         let (needed, allowed) = (human(needed), human(self.limit));
-        Err(Error::unsupported(format!("{what} needs about {needed}, {allowed} are allowed")).hint(hint))
+        Err(Error::unsupported(format!("{what} needs about {needed}, {allowed} are allowed"))
+            .coded(Code::MemoryLimit)
+            .hint(hint))
     }
 }

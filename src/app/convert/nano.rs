@@ -4,7 +4,7 @@ use super::report::{GridPlace, Image, array_to_world};
 use super::{ConvertSettings, FileReport, half};
 use crate::app::Context;
 use crate::app::outputs::{self, Content};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::imaging::values::Tally;
 use crate::formats::limits::Limits;
 use crate::formats::nanovdb::{self, Volume};
@@ -60,6 +60,7 @@ impl ConvertSettings {
             entries.iter().position(|e| e.name == *name).ok_or_else(|| {
                 let all: Vec<_> = entries.iter().map(|e| format!("'{}'", e.name)).collect();
                 Error::invalid(format!("no grid '{name}'; the file has {}", all.join(", ")))
+                    .coded(Code::NoSuchGrid)
                     .at(&self.input)
                     .hint("name one of these")
             })

@@ -2,7 +2,7 @@
 
 use super::ConvertSettings;
 use super::sources::{self, GridSource};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::vdb::File;
 use crate::scene::grid::MetaValue;
 use std::collections::BTreeMap;
@@ -34,6 +34,7 @@ fn holder(files: &[File], name: &str) -> Result<usize> {
                 let listed = |file: &File| file.entries().iter().map(|e| format!("'{}'", e.name)).collect::<Vec<_>>();
                 let all: Vec<String> = files.iter().flat_map(listed).collect();
                 Err(Error::invalid(format!("no grid '{name}'; the files have {}", all.join(", ")))
+                    .coded(Code::NoSuchGrid)
                     .at(files[0].path())
                     .hint("name one of these"))
             }

@@ -17,7 +17,7 @@ use crate::app::outputs;
 use crate::app::provenance::Provenance;
 use crate::app::renewed::{self, Earlier, Renewed};
 use crate::denoise::{Estimate, Method, Settings};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::exr;
 use crate::formats::limits::Limits;
@@ -298,6 +298,7 @@ impl DenoiseReport {
         let list: Vec<String> = self.failed.iter().map(|failed| failed.frame.to_string()).collect();
         let why = first.error.lines().next().unwrap_or_default();
         Err(Error::invalid(format!("{failed} of {all} frames were not denoised: {} ({why})", list.join(", ")))
+            .coded(Code::FramesFailed)
             .at(input)
             .hint("render the frames above again, then repeat the command with ⟨resume⟩"))
     }

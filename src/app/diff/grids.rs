@@ -3,7 +3,7 @@
 use super::DiffSettings;
 use super::turn::{self, Turned};
 use crate::app::Context;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{File, GridInfo, NativeGrid, RawGrid};
 use crate::math::Affine;
@@ -80,6 +80,7 @@ impl Budget {
         }
         let (needed, allowed) = (human(self.held), human(self.limit));
         Err(Error::unsupported(format!("comparing the grids needs {needed}, {allowed} are allowed"))
+            .coded(Code::MemoryLimit)
             .hint("raise ⟨max_memory⟩, or compare parts of them: cumulo convert ⟨crop⟩"))
     }
 }

@@ -8,7 +8,7 @@ use super::settings::PictureSettings;
 use super::stage::SIZE;
 use super::subject::Subject;
 use crate::app::up::ChosenUp;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::{captures, transforms};
 use crate::render::scale;
 use crate::scene::camera::Camera;
@@ -130,6 +130,7 @@ impl PictureSettings {
         let outline = subject.outline(transfer);
         if outline.is_empty() {
             return Err(Error::invalid("the grid is empty: there is nothing to place cameras around")
+                .coded(Code::EmptyGrid)
                 .at(&self.input)
                 .hint("choose another grid with ⟨grid⟩, or give the cameras with ⟨cameras⟩"));
         }

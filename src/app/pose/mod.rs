@@ -10,7 +10,7 @@ use crate::app::task::{Captured, Task};
 use crate::app::transfer::TransferSettings;
 use crate::app::{run, volume};
 use crate::differentiate::gradient::pictures::Target;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{captures, protected, transforms};
 use crate::inverse::observation::photo::Photo;
@@ -311,6 +311,7 @@ impl PoseSettings {
         let outline = field.outline();
         if outline.is_empty() {
             return Err(Error::invalid("the grid is empty: no picture says anything about a camera")
+                .coded(Code::EmptyGrid)
                 .at(&self.volume)
                 .hint("choose another grid with ⟨grid⟩"));
         }

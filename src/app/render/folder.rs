@@ -7,7 +7,7 @@ use crate::app::outputs;
 use crate::app::pictures::scales::DensityScales;
 use crate::app::provenance::{self, Provenance};
 use crate::app::renewed::Earlier;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::{Format, atomic, protected, sniff, transforms};
 use crate::scene::capture::{Capture, Frame};
 use serde_json::{Map, json};
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// Error that other settings wrote the capture in the folder.
 fn other_capture(json: &Path) -> Error {
-    Error::invalid("another capture lies here, of another command than this one").at(json).hint(
+    Error::invalid("another capture lies here, of another command than this one").coded(Code::OutputExists).at(json).hint(
         "runs of the very same settings, whichever ⟨frames⟩ they render, add to one folder; give another folder, or \
          ⟨overwrite⟩ to replace what is there",
     )

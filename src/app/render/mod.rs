@@ -19,7 +19,7 @@ use crate::app::pictures::{Cameras, PictureSettings};
 use crate::app::provenance::{self, Provenance};
 use crate::app::up::ChosenUp;
 use crate::cancel::Cancel;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::atomic::{self, Batch};
 use crate::formats::png::ToneMapping;
 use crate::formats::protected;
@@ -491,6 +491,7 @@ pub fn fits(capture: &Capture, plane_bytes: u64, max_memory: u64) -> Result<()> 
             let Camera { width, height, .. } = f.camera;
             Err(Error::unsupported(format!("{at_once} pictures of {width}x{height} pixels do not fit in memory"))
                 .at(&f.picture)
+                .coded(Code::MemoryLimit)
                 .hint("choose a smaller ⟨size⟩, fewer ⟨threads⟩, or raise ⟨max_memory⟩"))
         }
         _ => Ok(()),

@@ -2,7 +2,7 @@
 
 use super::Image;
 use super::model::{self, Calibration};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use glam::{DQuat, DVec3};
 use std::collections::BTreeMap;
@@ -117,6 +117,7 @@ impl Bytes {
         // A record in memory takes less than four times its bytes in the file.
         if count * least * 4 > limits.max_memory {
             return Err(Error::unsupported(format!("{count} {what} do not fit into memory"))
+                .coded(Code::MemoryLimit)
                 .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
         }
         Ok(count)

@@ -2,7 +2,7 @@
 
 use super::Image;
 use super::model::{self, Calibration};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use glam::{DQuat, DVec3};
 use std::collections::BTreeMap;
@@ -109,6 +109,7 @@ impl Lines {
             }
             self.left = self.left.checked_sub(line.len() as u64).ok_or_else(|| {
                 Error::unsupported("the model does not fit into memory")
+                    .coded(Code::MemoryLimit)
                     .hint("raise ⟨max_memory⟩ if the file is to be trusted")
             })?;
             return Ok(Some(line));

@@ -5,7 +5,7 @@
 //! for DWA, is refused before (see `dwa`).
 
 use super::Window;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use std::path::Path;
 
 /// Runs calls into the `exr` crate and translates their errors.
@@ -65,5 +65,6 @@ pub(super) fn too_large(window: Window, channels: usize, held: u64, working: u64
         "{channels} channel(s) of {window} need {all} MiB to be read, {} MiB are allowed",
         mib(allowed)
     ))
+    .coded(Code::MemoryLimit)
     .hint("raise ⟨max_memory⟩ if the file is to be trusted, or scale or crop the picture where it was made")
 }

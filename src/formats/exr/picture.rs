@@ -3,7 +3,7 @@
 use super::decode::{self, Row, Source};
 use super::header::{self, Header, LayerInfo};
 use super::read::read_within;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::scene::film::{Film, Plane};
@@ -179,6 +179,7 @@ pub(super) fn named<'a>(layers: &'a [LayerInfo], name: &str) -> Result<&'a Layer
         .or_else(|| only(&|l| last_word(&l.name).eq_ignore_ascii_case(name)))
         .ok_or_else(|| {
             Error::invalid(format!("no layer '{name}'; the file has {}", listed(layers)))
+                .coded(Code::NoSuchLayer)
                 .hint("give one of these names to ⟨layer⟩")
         })
 }

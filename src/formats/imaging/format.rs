@@ -3,7 +3,7 @@
 use super::image::{Header, Image};
 use super::options::Options;
 use super::{cvol, dicom, input, meta_image, mrc, nifti, nrrd, numpy, raw, tiff, vtk, zarr};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use std::path::Path;
@@ -166,6 +166,7 @@ fn check(header: &Header, limits: Limits) -> Result<()> {
             "a slice of {x} x {y} voxels needs {bytes} bytes, {} are allowed",
             limits.max_memory
         ))
+        .coded(Code::MemoryLimit)
         .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
     }
     Ok(())

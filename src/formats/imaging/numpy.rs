@@ -8,7 +8,7 @@ use super::input::{self, Packing};
 use super::options::{Axes, Options};
 use super::stream::{Binary, failed};
 use super::text::shown;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats;
 use crate::formats::limits::Limits;
 use crate::formats::npy;
@@ -132,7 +132,7 @@ impl Strided {
         if needed > limits.max_memory {
             let what =
                 format!("an array of shape {:?} takes {needed} bytes, {} are allowed", header.shape, limits.max_memory);
-            return Err(Error::unsupported(what).hint(
+            return Err(Error::unsupported(what).coded(Code::MemoryLimit).hint(
                 "raise ⟨max_memory⟩ if the file is to be trusted; an array whose x axis is the fastest passes in \
                        slices",
             ));

@@ -1,7 +1,7 @@
 //! Grids as images over the box of their active voxels, slice by slice.
 
 use super::placement;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::sample::Sample;
 use crate::formats::vdb::{DenseBox, NativeGrid};
@@ -53,7 +53,7 @@ impl<'g> Source<'g> {
         if needed > limits.max_memory {
             let what =
                 format!("an array of {x} x {y} x {z} voxels needs {needed} bytes, {} are allowed", limits.max_memory);
-            return Err(Error::unsupported(what).hint(
+            return Err(Error::unsupported(what).coded(Code::MemoryLimit).hint(
                 "raise ⟨max_memory⟩, or take a part or coarser voxels first: ⟨convert.crop⟩, ⟨convert.resample⟩",
             ));
         }

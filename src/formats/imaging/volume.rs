@@ -2,7 +2,7 @@
 
 use super::image::{Header, Image, Values};
 use super::values::{Mapping, Tally};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{DenseBox, NativeGrid, ValueKind};
 use crate::scene::grid::{GridClass, LEAF_DIM, LEAF_VOXELS};
@@ -101,6 +101,7 @@ pub fn build(
         if leaves > most {
             return Err(limits
                 .exceeded(leaves.saturating_mul(kind.leaf_bytes()), most)
+                .coded(Code::MemoryLimit)
                 .instead("raise ⟨max_memory⟩, or make more of it background with ⟨threshold⟩ or ⟨map⟩"));
         }
         progress(slice + 1, z);

@@ -6,7 +6,7 @@ use super::nodes::{LeafRef, Node, Nodes, SIGNS, Slot, Value};
 use super::statistics::Statistics;
 use super::texts;
 use super::volume::Volume;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::math::Aabb;
 use crate::scene::grid::{GridClass, LEAF_VOXELS};
@@ -168,7 +168,9 @@ impl<V: Value> Nodes<'_, V> {
         let total = tree + texts::size(volume);
         if total as u64 > limits.max_memory {
             let what = format!("the grid's memory takes {total} bytes, {} are allowed", limits.max_memory);
-            return Err(Error::unsupported(what).hint("raise ⟨max_memory⟩, or crop or resample the grid first"));
+            return Err(Error::unsupported(what)
+                .coded(Code::MemoryLimit)
+                .hint("raise ⟨max_memory⟩, or crop or resample the grid first"));
         }
         let mut memory = Memory(vec![0; total]);
         let root = sizes[0];

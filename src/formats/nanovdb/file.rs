@@ -6,7 +6,7 @@ use super::layout::{self, Kind};
 use super::texts::terminated;
 use super::unpack::{Codec, unpack};
 use super::volume::Volume;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::input;
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
@@ -144,7 +144,9 @@ impl File {
         let _reading = Reading::begin(&self.path);
         let entry = self.entries.get(index).cloned().ok_or_else(|| {
             let count = self.entries.len();
-            Error::invalid(format!("no grid of number {index}; the file has {count}")).at(&self.path)
+            Error::invalid(format!("no grid of number {index}; the file has {count}"))
+                .coded(Code::NoSuchGrid)
+                .at(&self.path)
         })?;
         let path = self.path.clone();
         let place = |e: Error| e.part(format!("grid '{}'", entry.name)).at(&path);
@@ -166,7 +168,9 @@ impl File {
         let needed = entry.bytes.saturating_add(packed);
         if needed > limits.max_memory {
             let what = format!("the grid needs {needed} bytes, {} are left", limits.max_memory);
-            return Err(Error::unsupported(what).hint("raise ⟨max_memory⟩ if the file is to be trusted"));
+            return Err(Error::unsupported(what)
+                .coded(Code::MemoryLimit)
+                .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
         }
         let stored = self.bytes(entry.position, entry.stored_bytes)?;
         let memory = unpack(stored, entry.codec, entry.bytes)?;

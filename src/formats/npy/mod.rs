@@ -5,7 +5,7 @@
 
 mod header;
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::atomic;
 use crate::formats::input;
 use crate::formats::limits::Limits;
@@ -57,7 +57,10 @@ pub fn read(path: &Path, limits: Limits) -> Result<Array> {
     if needed > limits.max_memory {
         let what =
             format!("an array of shape {:?} takes {needed} bytes, {} are allowed", header.shape, limits.max_memory);
-        return Err(Error::unsupported(what).at(path).hint("raise ⟨max_memory⟩ if the file is to be trusted"));
+        return Err(Error::unsupported(what)
+            .at(path)
+            .coded(Code::MemoryLimit)
+            .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
     }
     let expected = (count as u64).saturating_mul(header.sample.bytes() as u64).saturating_add(start);
     if length != expected {

@@ -4,7 +4,7 @@
 mod jpeg;
 mod png;
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::formats::{exr, input};
@@ -138,6 +138,7 @@ pub fn read(path: &Path, options: &Options) -> Result<Picture> {
     let decoded = || {
         if let Some(layer) = options.layer {
             return Err(Error::invalid(format!("layer '{layer}' of a picture that has no layers"))
+                .coded(Code::NoSuchLayer)
                 .hint("only OpenEXR pictures have layers: leave ⟨layer⟩ out"));
         }
         decode(path, options)
@@ -170,6 +171,7 @@ fn check_size([width, height]: [usize; 2], held: u64, limits: Limits) -> Result<
             "a picture of {width}x{height} takes {needed} bytes, {} are allowed",
             limits.max_memory
         ))
+        .coded(Code::MemoryLimit)
         .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! Opening of layers: regular files of bounded size, and text that the parser understands.
 
 use super::text;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::input;
 use openusd::ar::{self, Asset, DefaultResolver, ResolvedPath, Resolver};
 use openusd::usda::parser::Parser;
@@ -58,6 +58,7 @@ impl Bounded {
                     "the stage's layers have more than {} bytes together",
                     self.most
                 ))
+                .coded(Code::MemoryLimit)
                 .hint("raise ⟨max_memory⟩, of which layers may take a quarter, if the stage is to be trusted"));
             }
             None => input::bytes(place, left, "a layer of a stage")?,
@@ -107,6 +108,7 @@ pub(super) fn entry(package: &Path, inner: &str, most: u64) -> Result<Vec<u8>> {
     read.map_err(|e| Error::invalid(format!("it cannot be read: {e}")).hint(AGAIN))?;
     if bytes.len() as u64 > most {
         return Err(Error::unsupported(format!("the file has more than {most} bytes"))
+            .coded(Code::MemoryLimit)
             .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
     }
     Ok(bytes)

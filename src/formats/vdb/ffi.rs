@@ -29,7 +29,7 @@ pub(super) use generated::{
     cumulo_vdb_tiles as tiles, cumulo_vdb_touch as touch, cumulo_vdb_write as write,
 };
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use std::ffi::{CString, c_char};
 
 /// Calls one function of the shim and turns its status into a result.
@@ -47,6 +47,7 @@ pub(super) fn call(entry: impl FnOnce(*mut cumulo_vdb_status) -> i32) -> Result<
         Error::unsupported(message).hint("choose other grids with ⟨grid⟩, or leave that edit out")
     } else if code == CUMULO_VDB_OUT_OF_MEMORY as i32 {
         Error::native("OpenVDB ran out of memory")
+            .coded(Code::MemoryLimit)
             .hint("raise ⟨max_memory⟩ if the file is to be trusted, or crop or resample it where it was made")
     } else {
         Error::native(format!("OpenVDB: {message}"))

@@ -9,7 +9,7 @@ use super::native::NativeGrid;
 use super::preflight::{self, Entry, Preflight};
 use super::source::Source;
 use super::up::StatedUp;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::scene::grid::{Grid, MetaValue};
@@ -86,13 +86,16 @@ impl File {
             (Some(only), None) => Ok(only),
             (Some(_), Some(_)) => {
                 Err(Error::invalid(format!("several grids are named '{name}'; the file has {}", listed()))
+                    .coded(Code::NoSuchGrid)
                     .at(&self.source.path)
                     .hint("name one of them with its number"))
             }
             _ if entries.is_empty() => Err(Error::invalid("the file has no grids")
+                .coded(Code::NoSuchGrid)
                 .at(&self.source.path)
                 .hint("check the export settings of the program that made it")),
             _ => Err(Error::invalid(format!("no grid '{name}'; the file has {}", listed()))
+                .coded(Code::NoSuchGrid)
                 .at(&self.source.path)
                 .hint("name one of these")),
         }
@@ -171,11 +174,13 @@ impl File {
         }
         if entries.is_empty() {
             return Err(Error::invalid("the file has no grids")
+                .coded(Code::NoSuchGrid)
                 .at(&self.source.path)
                 .hint("check the export settings of the program that made it"));
         }
         let listed = entries.iter().map(|e| format!("'{}' ({})", e.name, e.grid_type)).collect::<Vec<_>>().join(", ");
         Err(Error::invalid(format!("which grid is the density? The file has {listed}"))
+            .coded(Code::NoSuchGrid)
             .at(&self.source.path)
             .hint("name it with ⟨grid⟩"))
     }

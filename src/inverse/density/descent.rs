@@ -3,7 +3,7 @@
 use crate::cancel::Cancel;
 use crate::differentiate::gradient::pictures::{self, Gradients, PixelLoss, Target, Workspace};
 use crate::differentiate::loss::prior::{VolumePrior, Weighted};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::inverse::density::Request;
 use crate::inverse::observation::Observation;
 use crate::inverse::observation::photo::Photo;
@@ -44,6 +44,7 @@ pub fn unknowns(
             "the transfer function absorbs where the density is 0, and the {blocks:.0} blocks of 8³ voxels of the \
              whole box do not fit in memory"
         ))
+        .coded(Code::MemoryLimit)
         .hint("give a smaller region with ⟨bounds⟩ or a larger ⟨voxel_size⟩, or raise ⟨max_memory⟩"));
     }
     let all = topology.filled()?;

@@ -6,7 +6,7 @@
 //! other picture is not judged by it, but photographs leave out what most of them do not show.
 
 use crate::cancel::Cancel;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::inverse::observation::Observation;
 use crate::inverse::observation::depth_map::DepthMap;
 use crate::math::{Aabb, Affine, Ray};
@@ -429,5 +429,6 @@ fn reached(brick: IVec3, unknown: &[bool]) -> impl Iterator<Item = IVec3> {
 
 fn too_fine(voxels: DVec3) -> Error {
     Error::unsupported(format!("{:.0} x {:.0} x {:.0} voxels do not fit in memory", voxels.x, voxels.y, voxels.z))
+        .coded(Code::MemoryLimit)
         .hint("choose a larger ⟨voxel_size⟩ or a smaller ⟨resolution⟩, give ⟨bounds⟩, or raise ⟨max_memory⟩")
 }

@@ -8,7 +8,7 @@ pub use report::StatisticalReport;
 use super::{CompareSettings, traits};
 use crate::app::Context;
 use crate::app::outputs::{self, Content};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::{exr, png};
 use crate::metrics::heatmap;
 use crate::metrics::statistical::{self, Estimate, PIXEL_BYTES, Question};
@@ -172,6 +172,7 @@ impl CompareSettings {
         let mib = |bytes: u64| bytes.div_ceil(1 << 20);
         Err(Error::unsupported(format!("testing them needs {} MiB, {} MiB are allowed", mib(needed), mib(allowed)))
             .part(format!("{} and {}", self.a.display(), self.b.display()))
+            .coded(Code::MemoryLimit)
             .hint("raise ⟨max_memory⟩, or compare smaller pictures"))
     }
 }

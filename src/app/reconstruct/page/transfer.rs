@@ -5,7 +5,7 @@ use crate::app::photos;
 use crate::app::reconstruct::transfer_run::TransferRun;
 use crate::app::run;
 use crate::cancel::Cancel;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer::Options;
 use crate::formats::vdb::File;
@@ -37,6 +37,7 @@ pub fn field(volume: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks
     let field = arrange().map_err(|e| e.at(volume))?;
     if field.range().1 <= 0.0 {
         return Err(Error::invalid("the volume has no density above zero")
+            .coded(Code::EmptyGrid)
             .at(volume)
             .hint("choose another grid with ⟨grid⟩; `cumulo info` shows what is in them"));
     }

@@ -1,7 +1,7 @@
 //! Elements of a data set, read one after another. Only what is wanted is kept, within a budget.
 
 use super::syntax::Syntax;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -160,6 +160,7 @@ impl Elements {
     fn keep(&mut self, bytes: u64) -> Result<()> {
         self.budget = self.budget.checked_sub(bytes + 128).ok_or_else(|| {
             Error::unsupported("the descriptions of the frames do not fit into the memory allowed")
+                .coded(Code::MemoryLimit)
                 .hint("raise ⟨max_memory⟩ if the file is to be trusted")
         })?;
         Ok(())

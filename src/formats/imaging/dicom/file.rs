@@ -8,7 +8,7 @@ use super::tags::{
     FRAMES, HIGH_BIT, INSTANCE_NUMBER, MEDIA_CLASS, MODALITY, MODALITY_TABLE, PADDING, PHOTOMETRIC, PIXELS,
     REPRESENTATION, ROWS, SAMPLES, SERIES, SERIES_DESCRIPTION, SHARED_GROUPS, TRANSFER_SYNTAX, WANTED,
 };
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::input;
 use crate::formats::limits::Limits;
 use glam::DVec3;
@@ -209,6 +209,7 @@ fn room(frames: usize, frame_bytes: usize, head: Head, limits: Limits) -> Result
     let descriptions = (frames as u64).saturating_mul(size_of::<Frame>() as u64);
     if descriptions > limits.max_memory / 4 {
         return Err(Error::unsupported(format!("the places of {frames} frames do not fit into the memory allowed"))
+            .coded(Code::MemoryLimit)
             .hint("raise ⟨max_memory⟩ if the file is to be trusted"));
     }
     Ok(())

@@ -1,6 +1,6 @@
 //! Pages of a TIFF, decoded by the crate `tiff`.
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::imaging::text::shown;
 use crate::formats::input;
 use crate::formats::limits::Limits;
@@ -52,6 +52,7 @@ fn failed(error: TiffError) -> Error {
                 .hint("save it again without compression, as grey values of 8, 16 or 32 bits")
         }
         TiffError::LimitsExceeded => Error::unsupported("a page needs more memory than is allowed")
+            .coded(Code::MemoryLimit)
             .hint("raise ⟨max_memory⟩ if the file is to be trusted"),
         TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof && e.raw_os_error().is_some() => {
             Error::system(e)

@@ -4,7 +4,7 @@ use super::array::{Array, Shards};
 use super::axes::Axes;
 use super::codec;
 use super::document::wrong;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::imaging::image::Slices;
 use crate::formats::input;
 use crate::formats::limits::Limits;
@@ -53,7 +53,7 @@ impl Chunks {
                 needed.map_or_else(|| "more than 2⁶⁴".to_owned(), |n| n.to_string()),
                 limits.max_memory
             );
-            Error::unsupported(what).hint("raise ⟨max_memory⟩, or choose a coarser ⟨level⟩")
+            Error::unsupported(what).coded(Code::MemoryLimit).hint("raise ⟨max_memory⟩, or choose a coarser ⟨level⟩")
         })?;
         let chunk_bytes =
             chunk.and_then(|n| usize::try_from(n).ok()).ok_or_else(|| wrong("chunks too large to count"))?;
