@@ -5,6 +5,7 @@ use super::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{atomic, exr, png, protected, transforms};
+use crate::report::FILE_NAME as PAGE;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -103,6 +104,20 @@ pub fn pictures(path: &Path) -> Result<Option<Content>> {
         Some(content) => file(path, content).map(|()| Some(content)),
         None => folder(path).map(|()| None),
     }
+}
+
+/// Name of a run's record in the folder of its report.
+pub const RECORD: &str = "run.json";
+
+/// Makes the folder of a report, before the work.
+///
+/// # Errors
+/// If the name is that of a file, or the folder cannot be made or written to.
+pub fn prepare_report(dir: &Path) -> Result<()> {
+    folder(dir)?;
+    std::fs::create_dir_all(dir)
+        .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;
+    [RECORD, PAGE].into_iter().try_for_each(|name| atomic::probe(&dir.join(name)))
 }
 
 fn refuse_dash(path: &Path) -> Result<()> {

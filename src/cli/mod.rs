@@ -38,6 +38,7 @@ mod words;
 
 use crate::app::convert::ConvertSettings;
 use crate::app::denoise::DenoiseSettings;
+use crate::app::gradient::GradientSettings;
 use crate::app::inputs;
 use crate::app::motion::MotionSettings;
 use crate::app::plan::PlanSettings;
@@ -105,7 +106,7 @@ enum Command {
     Denoise(DenoiseSettings),
     Diff(diff::Diff),
     Pose(pose::Pose),
-    Gradient(gradient::GradientCommand),
+    Gradient(GradientSettings),
     Render(RenderSettings),
     #[command(subcommand)]
     Reconstruct(reconstruct::Reconstruct),
@@ -136,7 +137,7 @@ impl Command {
             Self::Denoise(s) => Memory::of(s.limits),
             Self::Diff(c) => c.memory,
             Self::Pose(c) => c.memory,
-            Self::Gradient(c) => c.memory,
+            Self::Gradient(s) => Memory::of(s.limits),
             Self::Plan(s) => Memory::of(s.pictures.limits),
             Self::Render(s) => Memory::of(s.pictures.limits),
             Self::Reconstruct(c) => c.memory(),
@@ -362,7 +363,7 @@ fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
         Command::Denoise(s) => denoise::run(&s, output),
         Command::Diff(c) => c.run(output),
         Command::Pose(c) => c.run(output),
-        Command::Gradient(c) => c.run(output),
+        Command::Gradient(s) => gradient::run(&s, output),
         Command::Plan(s) => plan::run(&s, output),
         Command::Render(s) => render::run(&s, output),
         Command::Reconstruct(c) => c.run(output),

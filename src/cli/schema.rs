@@ -2,9 +2,7 @@
 
 use super::output::Output;
 use super::report::transfer::TransferRun;
-use super::{
-    capture, compare, diff, document, gradient, info, man, pose, report, transfer, usd, validate, view, viewpoint,
-};
+use super::{capture, compare, diff, document, info, man, pose, report, transfer, usd, validate, view, viewpoint};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -56,7 +54,7 @@ kinds! {
     Convert: "convert" => app::convert::ConvertReport;
     Denoise: "denoise" => app::denoise::DenoiseReport;
     Diff: "diff" => diff::AnyReport;
-    Gradient: "gradient" => gradient::Report;
+    Gradient: "gradient" => app::gradient::GradientReport;
     Info: "info" => info::Report;
     Man: "man" => man::Report;
     Motion: "motion" => app::motion::MotionReport;

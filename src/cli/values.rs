@@ -2,6 +2,7 @@
 
 use crate::app::convert::{Convention, Form, Repair, UpTarget};
 use crate::app::denoise::{Cuts, Direction, Filter, Guide};
+use crate::app::gradient::{LossName, Wrt};
 use crate::app::up::UpChoice;
 use crate::differentiate::study::ad_mode::Mode;
 use crate::formats::imaging::options::Axes;
@@ -9,6 +10,7 @@ use crate::formats::imaging::volume::GridType;
 use crate::formats::sample::Endian;
 use crate::formats::vdb::{Codec, ResampleFilter};
 use crate::render::aov::Aov;
+use crate::render::differentiable::Adjoint;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
 use clap::ValueEnum;
@@ -77,6 +79,32 @@ value_enum!(Mode {
     Auto: "auto", "By the number of parameters and the loss";
     Reverse: "reverse" or "adjoint", "Backward: all parameters at once";
     Forward: "forward" or "tangent", "Forward: dual numbers, a few parameters at a time";
+});
+
+value_enum!(Wrt {
+    Step: "step", "The quadrature's step, in voxels";
+    Camera: "camera", "Position, rotation, focal lengths and principal point of each view";
+    Tf: "tf", "The transfer function's parameters";
+    Density: "density", "Every voxel's density, or extinction of a pre-shaded volume";
+    Emission: "emission", "Every voxel's emission in red, green and blue, of a pre-shaded volume";
+    Background: "background", "Radiance behind the volume";
+    Extinction: "extinction", "Extinction per unit of density";
+});
+
+value_enum!(LossName {
+    L1: "l1", "|c - c'|";
+    L2: "l2", "(c - c')²";
+    Huber: "huber", "Quadratic for small differences, linear for large ones";
+    LogTransmittance: "log-transmittance", "(ln T - ln T')² of the transmittances";
+    Ssim: "ssim", "1 - SSIM of the colors";
+    OpacityEntropy: "opacity-entropy", "Entropy of the alphas, 1 where all are equal";
+    Mean: "mean", "The colors themselves";
+});
+
+value_enum!(Adjoint {
+    Tape: "tape", "A tape of one ray";
+    Replay: "replay", "Walk the ray twice";
+    Inversion: "inversion", "Weiss & Westermann's inversion of the blend";
 });
 
 value_enum!(UpChoice {
@@ -160,6 +188,9 @@ mod tests {
         let named = |value: PossibleValue| value.get_name().to_owned();
         for aov in Aov::value_variants() {
             assert_eq!(aov.to_possible_value().map(named).as_deref(), Some(aov.name()));
+        }
+        for loss in LossName::value_variants() {
+            assert_eq!(loss.to_possible_value().map(named).as_deref(), Some(loss.name()));
         }
         for filter in Filter::value_variants() {
             assert_eq!(filter.to_possible_value().map(named).as_deref(), Some(filter.name()));

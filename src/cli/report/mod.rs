@@ -7,16 +7,16 @@ use super::memory::Memory;
 use super::output::Output;
 use crate::app::Context;
 use crate::app::outputs::Content;
+pub(in crate::cli) use crate::app::outputs::{RECORD, prepare_report as prepare};
+use crate::app::photos;
 use crate::app::run::Run;
 use crate::app::task::Task;
-use crate::app::{outputs, photos};
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer::Options;
 use crate::formats::vdb::File;
 use crate::formats::{self, atomic, captures, input};
-use crate::report::FILE_NAME as PAGE;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::film::Film;
@@ -27,9 +27,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use transfer::{FunctionError, TransferRun};
 use volume::VolumeError;
-
-/// Name of the run's record in the report's folder.
-pub(in crate::cli) const RECORD: &str = "run.json";
 
 /// Make the page of a reconstruction again, with what is true or other renders beside it
 #[derive(Debug, clap::Args)]
@@ -181,17 +178,6 @@ fn read_record(path: &Path, limits: Limits) -> Result<Record> {
         Error::invalid(format!("this is no record of a run: {e}"))
             .hint("the file is damaged or of another version; make the reconstruction again with --report")
     })
-}
-
-/// Makes the report's folder, before the work.
-///
-/// # Errors
-/// If the name is that of a file, or the folder cannot be made or written to.
-pub fn prepare(dir: &Path) -> Result<()> {
-    outputs::folder(dir)?;
-    std::fs::create_dir_all(dir)
-        .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;
-    [RECORD, PAGE].into_iter().try_for_each(|name| atomic::probe(&dir.join(name)))
 }
 
 /// Writes the page of a volume and its record, and returns the page's path. Once the work is to stop, views are left

@@ -9,6 +9,7 @@ use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::neighbours::Neighbours;
 use crate::scene::table::Rgbs;
 use crate::scene::transfer::Transfer;
+use crate::text::serde_as_text;
 use rayon::prelude::*;
 use std::fmt;
 use std::str::FromStr;
@@ -188,6 +189,8 @@ impl fmt::Display for Weighted<Prior> {
         write!(f, "{name}={}", self.weight)
     }
 }
+
+serde_as_text!(Weighted<Prior>);
 
 /// Parses `NAME=WEIGHT`.
 fn weighted<P: Copy>(text: &str, names: &[(&str, P)]) -> Result<Weighted<P>> {
