@@ -9,6 +9,7 @@ pub mod context;
 pub mod convert;
 pub mod denoise;
 pub mod failed;
+pub mod function;
 pub mod gradient;
 pub mod inputs;
 pub mod motion;

@@ -38,6 +38,7 @@ mod words;
 
 use crate::app::convert::ConvertSettings;
 use crate::app::denoise::DenoiseSettings;
+use crate::app::function::FunctionSettings;
 use crate::app::gradient::GradientSettings;
 use crate::app::inputs;
 use crate::app::motion::MotionSettings;
@@ -112,7 +113,7 @@ enum Command {
     Reconstruct(reconstruct::Reconstruct),
     Report(report::Report),
     Schema(schema::Schema),
-    Transfer(transfer::TransferCommand),
+    Transfer(FunctionSettings),
     #[command(name = crate::formats::vdb::helper::SUBCOMMAND, hide = true)]
     TryGrid(try_grid::TryGrid),
     #[command(subcommand)]
@@ -143,7 +144,7 @@ impl Command {
             Self::Reconstruct(c) => c.memory(),
             Self::Report(c) => c.memory,
             Self::Completions(_) | Self::Man(_) | Self::Schema(_) => return Ok(Limits::default().max_memory),
-            Self::Transfer(c) => c.memory,
+            Self::Transfer(s) => Memory::of(s.limits),
             Self::TryGrid(c) => return Ok(c.max_memory),
             Self::Usd(c) => c.memory(),
             Self::View(c) => c.memory,
@@ -369,7 +370,7 @@ fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
         Command::Reconstruct(c) => c.run(output),
         Command::Report(c) => c.run(output),
         Command::Schema(c) => c.run(output),
-        Command::Transfer(c) => c.run(output),
+        Command::Transfer(s) => transfer::run(&s, output),
         Command::TryGrid(c) => Ok(c.run()),
         Command::Usd(c) => c.run(output),
         Command::View(c) => c.run(output),

@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::report::transfer::TransferRun;
-use super::{capture, compare, diff, document, info, man, pose, report, transfer, usd, validate, view, viewpoint};
+use super::{capture, compare, diff, document, info, man, pose, report, usd, validate, view, viewpoint};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -65,7 +65,7 @@ kinds! {
     ReconstructTf: "reconstruct tf" => TransferRun;
     Render: "render" => app::render::RenderReport;
     Report: "report" => report::Written;
-    Transfer: "transfer" => transfer::AnyReport;
+    Transfer: "transfer" => app::function::FunctionReport;
     UsdAuthor: "usd author" => usd::Authored;
     UsdLint: "usd lint" => usd::Linted;
     Validate: "validate" => validate::Report;
