@@ -1,9 +1,11 @@
 //! What a use case runs in: who watches it, who may stop it, and whose name its outputs bear.
 
 use super::failed::Failed;
+use super::failure::Failure;
 use super::progress::{Event, Progress, Unit, Unwatched};
 use crate::app::checks::Warning;
 use crate::cancel::Cancel;
+use crate::error::Error;
 use crate::wording::worded;
 use std::collections::HashSet;
 use std::fmt::{self, Display};
@@ -129,6 +131,12 @@ impl Context {
         for Failed { frame, error } in failed {
             self.progress.event(&Event::Failed { frame: *frame, error });
         }
+    }
+
+    /// Says that one of several files could not be read, and returns the report's entry for the error.
+    pub fn unread(&self, error: &Error) -> Failure {
+        self.progress.event(&Event::Unread { error: &error.to_string() });
+        Failure::of(error)
     }
 
     fn once(&self, text: &str, tell: impl FnOnce(&str)) {

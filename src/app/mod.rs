@@ -9,6 +9,7 @@ pub mod context;
 pub mod convert;
 pub mod denoise;
 pub mod failed;
+pub mod failure;
 pub mod function;
 pub mod gradient;
 pub mod inputs;
@@ -27,6 +28,7 @@ pub mod sequence;
 pub mod task;
 pub mod transfer;
 pub mod up;
+pub mod usd;
 pub mod volume;
 
 pub use context::Context;

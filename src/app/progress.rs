@@ -85,6 +85,11 @@ pub enum Event<'e> {
         /// Error with its remedy.
         error: &'e str,
     },
+    /// One of several files could not be read, and the others go on.
+    Unread {
+        /// Error with the file and its remedy.
+        error: &'e str,
+    },
     /// From here on the work asks whether it is to stop, and ends in order if it is.
     Stoppable,
     /// Inputs of a long task are read, which does not ask whether it is to stop; a face may end the process, as nothing

@@ -92,6 +92,9 @@ impl Terminal {
             Event::Failed { frame, error } => {
                 let _ = writeln!(std::io::stderr().lock(), "cumulo: frame {frame}: {error}");
             }
+            Event::Unread { error } => {
+                let _ = writeln!(std::io::stderr().lock(), "cumulo: {error}");
+            }
             Event::Began { .. } | Event::Detail { .. } | Event::Stoppable | Event::Loading | Event::Working => {}
         }
     }

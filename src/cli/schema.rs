@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::report::transfer::TransferRun;
-use super::{capture, compare, diff, document, info, man, pose, report, usd, validate, view, viewpoint};
+use super::{capture, compare, diff, document, info, man, pose, report, validate, view, viewpoint};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -66,8 +66,8 @@ kinds! {
     Render: "render" => app::render::RenderReport;
     Report: "report" => report::Written;
     Transfer: "transfer" => app::function::FunctionReport;
-    UsdAuthor: "usd author" => usd::Authored;
-    UsdLint: "usd lint" => usd::Linted;
+    UsdAuthor: "usd author" => app::usd::author::AuthorReport;
+    UsdLint: "usd lint" => app::usd::lint::LintReport;
     Validate: "validate" => validate::Report;
     View: "view" => view::Report;
     Viewpoint: "viewpoint" => viewpoint::Report;

@@ -8,6 +8,7 @@ use crate::differentiate::study::ad_mode::Mode;
 use crate::formats::imaging::options::Axes;
 use crate::formats::imaging::volume::GridType;
 use crate::formats::sample::Endian;
+use crate::formats::usd::write::material::Renderer;
 use crate::formats::vdb::{Codec, ResampleFilter};
 use crate::render::aov::Aov;
 use crate::render::differentiable::Adjoint;
@@ -176,6 +177,13 @@ value_enum!(Axes {
 value_enum!(Endian {
     Little: "little", "Least significant first";
     Big: "big", "Most significant first";
+});
+
+value_enum!(Renderer {
+    None: "none", "None: each shows densities as it does by default";
+    Arnold: "arnold", "Arnold";
+    Cycles: "cycles", "Cycles as a Hydra delegate";
+    MaterialX: "materialx", "Renderers of MaterialX volumes, such as Karma";
 });
 
 #[cfg(test)]
