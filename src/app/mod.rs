@@ -4,6 +4,7 @@
 //! watches the work and what stops it. A use case knows no command line: the face that runs it makes the settings,
 //! shows the progress and words the report and the errors.
 
+pub mod capture;
 pub mod checks;
 pub mod context;
 pub mod convert;

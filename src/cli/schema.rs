@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::report::transfer::TransferRun;
-use super::{capture, compare, diff, document, info, man, pose, report, validate, view, viewpoint};
+use super::{compare, diff, document, info, man, pose, report, validate, view, viewpoint};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -49,7 +49,7 @@ macro_rules! kinds {
 }
 
 kinds! {
-    CaptureConvert: "capture convert" => capture::Report;
+    CaptureConvert: "capture convert" => app::capture::CaptureReport;
     Compare: "compare" => compare::AnyReport;
     Convert: "convert" => app::convert::ConvertReport;
     Denoise: "denoise" => app::denoise::DenoiseReport;

@@ -1,5 +1,6 @@
 //! Values of options whose types live elsewhere: their names on the command line, with a line of help for each.
 
+use crate::app::capture::{Masked, Target};
 use crate::app::convert::{Convention, Form, Repair, UpTarget};
 use crate::app::denoise::{Cuts, Direction, Filter, Guide};
 use crate::app::gradient::{LossName, Wrt};
@@ -177,6 +178,16 @@ value_enum!(Axes {
 value_enum!(Endian {
     Little: "little", "Least significant first";
     Big: "big", "Most significant first";
+});
+
+value_enum!(Target {
+    Transforms: "transforms", "A transforms.json";
+    Colmap: "colmap", "A text model of COLMAP in sparse/0, with the pictures in images";
+});
+
+value_enum!(Masked {
+    Used: "used", "They are used as if there were no mask";
+    Background: "background", "They become the background of the capture, as if nothing were before it";
 });
 
 value_enum!(Renderer {
