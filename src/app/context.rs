@@ -1,7 +1,6 @@
 //! What a use case runs in: who watches it, who may stop it, and whose name its outputs bear.
 
 use super::failed::Failed;
-use super::failure::Failure;
 use super::progress::{Event, Progress, Unit, Unwatched};
 use crate::app::checks::Warning;
 use crate::cancel::Cancel;
@@ -133,10 +132,9 @@ impl Context {
         }
     }
 
-    /// Says that one of several files could not be read, and returns the report's entry for the error.
-    pub fn unread(&self, error: &Error) -> Failure {
+    /// Says why one of several files could not be read.
+    pub fn unread(&self, error: &Error) {
         self.progress.event(&Event::Unread { error: &error.to_string() });
-        Failure::of(error)
     }
 
     fn once(&self, text: &str, tell: impl FnOnce(&str)) {

@@ -1,5 +1,6 @@
-//! Errors that kept one of several files from being read while the others went on.
+//! Errors of some of the files that a use case is given, while it goes on with the others.
 
+use crate::app::Context;
 use crate::error::Error;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -16,8 +17,9 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// Keeps the error by which a file failed.
-    pub fn of(error: &Error) -> Self {
+    /// Creates the report's entry for an error, and tells it to whoever watches the work.
+    pub fn new(error: &Error, context: &Context) -> Self {
+        context.unread(error);
         let (part, remedy) = (error.place().map(str::to_owned), error.remedy().map(Cow::into_owned));
         Self { part, what: error.what().into_owned(), remedy }
     }

@@ -26,10 +26,12 @@ pub mod render;
 pub mod renewed;
 pub mod run;
 pub mod sequence;
+pub mod statistics;
 pub mod task;
 pub mod transfer;
 pub mod up;
 pub mod usd;
+pub mod view;
 pub mod volume;
 
 pub use context::Context;

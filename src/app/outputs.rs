@@ -93,6 +93,20 @@ pub fn folder(path: &Path) -> Result<()> {
     }
 }
 
+/// Name of a run's record in the folder of its report.
+pub const RECORD: &str = "run.json";
+
+/// Makes the folder of a report, before the work.
+///
+/// # Errors
+/// If the name is that of a file, or the folder cannot be made or written to.
+pub fn report_folder(dir: &Path) -> Result<()> {
+    folder(dir)?;
+    std::fs::create_dir_all(dir)
+        .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;
+    [RECORD, PAGE].into_iter().try_for_each(|name| atomic::probe(&dir.join(name)))
+}
+
 /// Checks a path for pictures, and returns the kind of file that it names: OpenEXR or PNG, by its ending; `None` for a
 /// folder.
 ///
@@ -104,20 +118,6 @@ pub fn pictures(path: &Path) -> Result<Option<Content>> {
         Some(content) => file(path, content).map(|()| Some(content)),
         None => folder(path).map(|()| None),
     }
-}
-
-/// Name of a run's record in the folder of its report.
-pub const RECORD: &str = "run.json";
-
-/// Makes the folder of a report, before the work.
-///
-/// # Errors
-/// If the name is that of a file, or the folder cannot be made or written to.
-pub fn prepare_report(dir: &Path) -> Result<()> {
-    folder(dir)?;
-    std::fs::create_dir_all(dir)
-        .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;
-    [RECORD, PAGE].into_iter().try_for_each(|name| atomic::probe(&dir.join(name)))
 }
 
 fn refuse_dash(path: &Path) -> Result<()> {

@@ -87,7 +87,7 @@ pub enum Event<'e> {
     },
     /// One of several files could not be read, and the others go on.
     Unread {
-        /// Error with the file and its remedy.
+        /// Error with its file and remedy.
         error: &'e str,
     },
     /// From here on the work asks whether it is to stop, and ends in order if it is.

@@ -62,12 +62,6 @@ pub fn take(event: &Event<'_>) {
     }
 }
 
-/// Returns the flag that the first signal sets from now on to work that can be stopped.
-pub fn listen() -> &'static AtomicBool {
-    take(&Event::Stoppable);
-    &REQUESTED
-}
-
 /// Returns the cancellation that the first signal requests.
 pub fn requested() -> Cancel {
     Cancel::on(&REQUESTED)

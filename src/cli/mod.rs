@@ -147,7 +147,7 @@ impl Command {
             Self::Transfer(s) => Memory::of(s.limits),
             Self::TryGrid(c) => return Ok(c.max_memory),
             Self::Usd(c) => c.memory(),
-            Self::View(c) => c.memory,
+            Self::View(c) => Memory::of(c.settings.limits),
             Self::Viewpoint(c) => c.memory,
         };
         memory.check()?;
@@ -171,7 +171,7 @@ impl Command {
             Self::Report(c) => c.inputs(),
             Self::Transfer(c) => c.inputs(),
             Self::Usd(c) => c.inputs(),
-            Self::View(c) => c.inputs(),
+            Self::View(c) => c.settings.inputs(),
             Self::Viewpoint(c) => c.inputs(),
             Self::Diff(_) | Self::Info(_) | Self::Plan(_) | Self::Validate(_) => Vec::new(),
             Self::Completions(_) | Self::Man(_) | Self::Schema(_) | Self::TryGrid(_) => Vec::new(),

@@ -88,7 +88,7 @@ impl Terminal {
             Event::Remark { text } => self.say(text),
             Event::Detail { text } if self.verbose => self.say(text),
             Event::Warned { warning } => self.say(format_args!("warning: {}\n  {}", warning.what, warning.remedy)),
-            // Said as an error that ends a command, whatever `--quiet` silences.
+            // Said as errors that end a command, whatever `--quiet` silences.
             Event::Failed { frame, error } => {
                 let _ = writeln!(std::io::stderr().lock(), "cumulo: frame {frame}: {error}");
             }
@@ -110,9 +110,10 @@ impl Terminal {
 impl Progress for Terminal {
     fn event(&self, event: &Event<'_>) {
         super::cancel::take(event);
-        match self.form {
-            Form::Text => self.show(event),
-            Form::Json => {
+        match (self.form, event) {
+            // Errors of files are told in words in either form.
+            (Form::Text, _) | (_, Event::Unread { .. }) => self.show(event),
+            (Form::Json, _) => {
                 if let Ok(json) = serde_json::to_string(event) {
                     let _ = writeln!(std::io::stderr().lock(), "{}", printable_json(&json));
                 }

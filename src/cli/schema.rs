@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::report::transfer::TransferRun;
-use super::{compare, diff, document, info, man, pose, report, validate, view, viewpoint};
+use super::{compare, diff, document, info, man, pose, report, validate, viewpoint};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -69,7 +69,7 @@ kinds! {
     UsdAuthor: "usd author" => app::usd::author::AuthorReport;
     UsdLint: "usd lint" => app::usd::lint::LintReport;
     Validate: "validate" => validate::Report;
-    View: "view" => view::Report;
+    View: "view" => app::view::ViewReport;
     Viewpoint: "viewpoint" => viewpoint::Report;
 }
 

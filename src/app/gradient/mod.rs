@@ -46,7 +46,7 @@ impl GradientSettings {
             outputs::file(path, Content::Vdb)?;
         }
         if let Some(dir) = &self.report {
-            outputs::prepare_report(dir)?;
+            outputs::report_folder(dir)?;
         }
         let (volume, setup) = {
             let _stage = context.stage("reading the volume");

@@ -103,7 +103,9 @@ impl LintSettings {
             stages.push(match checked {
                 Ok(checked) => checked,
                 Err(error) if self.stages.len() == 1 => return Err(error),
-                Err(error) => Checked { path: path.clone(), findings: Vec::new(), error: Some(context.unread(&error)) },
+                Err(error) => {
+                    Checked { path: path.clone(), findings: Vec::new(), error: Some(Failure::new(&error, context)) }
+                }
             });
             bar.inc(1);
         }

@@ -9,7 +9,6 @@ pub(super) use volume::statistics_of;
 
 use super::memory::Memory;
 use super::output::Output;
-pub(in crate::cli) use crate::app::failure::Failure;
 use crate::app::sequence::FrameSelection;
 use crate::error::{Error, Kind, Result};
 use crate::formats::captures::CaptureSummary;
@@ -21,6 +20,7 @@ use crate::formats::{self, Format};
 use crate::text::printable;
 use sequence::Summary;
 use serde::Serialize;
+use std::borrow::Cow;
 use std::fmt;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -65,11 +65,31 @@ struct Described {
     error: Option<Failure>,
 }
 
+/// Error that kept one of several files from being read.
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Failure {
+    /// Grid, layer or frame that the error concerns; none if it is the whole file.
+    part: Option<String>,
+    what: String,
+    #[serde(rename = "do")]
+    remedy: Option<String>,
+}
+
 impl Failure {
     /// Creates the report's entry for an error, and prints the error on standard error.
     pub(in crate::cli) fn new(error: &Error) -> Self {
         let _ = writeln!(std::io::stderr().lock(), "cumulo: {error}");
-        Self::of(error)
+        let (part, remedy) = (error.place().map(str::to_owned), error.remedy().map(Cow::into_owned));
+        Self { part, what: error.what().into_owned(), remedy }
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("could not be read: ")?;
+        self.part.iter().try_for_each(|part| write!(f, "{part}: "))?;
+        writeln!(f, "{}", self.what)?;
+        self.remedy.iter().try_for_each(|remedy| writeln!(f, "{remedy}"))
     }
 }
 

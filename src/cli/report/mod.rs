@@ -7,7 +7,7 @@ use super::memory::Memory;
 use super::output::Output;
 use crate::app::Context;
 use crate::app::outputs::Content;
-pub(in crate::cli) use crate::app::outputs::{RECORD, prepare_report as prepare};
+pub use crate::app::outputs::{RECORD, report_folder as prepare};
 use crate::app::photos;
 use crate::app::run::Run;
 use crate::app::task::Task;
