@@ -16,8 +16,8 @@ const SAMPLE: usize = 24;
 const EVALUATIONS: f64 = 6.0;
 
 impl GradientSettings {
-    /// Returns the numbers of the rows that are checked: all if the settings say so, else at most [`SAMPLE`] of each group,
-    /// evenly spaced.
+    /// Returns the numbers of the rows that are checked: all if the settings say so, else at most [`SAMPLE`] of each
+    /// group, evenly spaced.
     fn sample(&self, rows: &[Row]) -> Vec<usize> {
         if self.all {
             return (0..rows.len()).collect();

@@ -46,7 +46,8 @@ impl GradientSettings {
         (0..=last).filter(named).collect()
     }
 
-    /// Differentiates by all that the settings name; the report lists the parameters and the largest derivatives by voxel.
+    /// Differentiates by all that the settings name; the report lists the parameters and the largest derivatives by
+    /// voxel.
     pub(super) fn differentiate<V: Subject>(
         &self,
         study: &Study<V>,

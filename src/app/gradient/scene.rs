@@ -157,8 +157,8 @@ impl GradientSettings {
         Ok((study, warnings))
     }
 
-    /// Chooses the transfer function: `loaded` if it is that of the settings, else the target's, else the one that the grid
-    /// carries, which is `loaded` then; none where the emission or the model has another source.
+    /// Chooses the transfer function: `loaded` if it is that of the settings, else the target's, else the one that the
+    /// grid carries, which is `loaded` then; none where the emission or the model has another source.
     fn transfer(&self, loaded: Option<Transfer>, model: Option<Model>, target: Option<&Capture>) -> Option<Transfer> {
         let shown = target.filter(|c| c.model == Model::EmissionAbsorption);
         match model {
