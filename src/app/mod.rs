@@ -4,6 +4,7 @@
 //! watches the work and what stops it. A use case knows no command line: the face that runs it makes the settings,
 //! shows the progress and words the report and the errors.
 
+pub mod capture;
 pub mod checks;
 pub mod compare;
 pub mod context;
@@ -12,6 +13,8 @@ pub mod denoise;
 pub mod diff;
 pub mod failed;
 pub mod failure;
+pub mod function;
+pub mod gradient;
 pub mod info;
 pub mod inputs;
 pub mod motion;
@@ -33,7 +36,9 @@ pub mod statistics;
 pub mod task;
 pub mod transfer;
 pub mod up;
+pub mod usd;
 pub mod validate;
+pub mod view;
 pub mod viewpoint;
 pub mod volume;
 

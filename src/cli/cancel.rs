@@ -62,12 +62,6 @@ pub fn take(event: &Event<'_>) {
     }
 }
 
-/// Returns the cancellation that the first signal requests from now on, of work that can be stopped.
-pub fn listen() -> Cancel {
-    take(&Event::Stoppable);
-    requested()
-}
-
 /// Returns the cancellation that the first signal requests.
 pub fn requested() -> Cancel {
     REQUESTED.clone()

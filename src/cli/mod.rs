@@ -34,12 +34,13 @@ mod values;
 mod version;
 pub mod view;
 pub mod viewpoint;
-mod words;
 
 use crate::app::compare::CompareSettings;
 use crate::app::convert::ConvertSettings;
 use crate::app::denoise::DenoiseSettings;
 use crate::app::diff::DiffSettings;
+use crate::app::function::FunctionSettings;
+use crate::app::gradient::GradientSettings;
 use crate::app::info::InfoSettings;
 use crate::app::inputs;
 use crate::app::motion::MotionSettings;
@@ -112,13 +113,13 @@ enum Command {
     Denoise(DenoiseSettings),
     Pose(PoseSettings),
     Diff(DiffSettings),
-    Gradient(gradient::GradientCommand),
+    Gradient(GradientSettings),
     Render(RenderSettings),
     #[command(subcommand)]
     Reconstruct(reconstruct::Reconstruct),
     Report(PageSettings),
     Schema(schema::Schema),
-    Transfer(transfer::TransferCommand),
+    Transfer(FunctionSettings),
     #[command(name = crate::formats::vdb::helper::SUBCOMMAND, hide = true)]
     TryGrid(try_grid::TryGrid),
     #[command(subcommand)]
@@ -143,17 +144,17 @@ impl Command {
             Self::Denoise(s) => Memory::of(s.limits),
             Self::Pose(s) => Memory::of(s.limits),
             Self::Diff(s) => Memory::of(s.limits),
-            Self::Gradient(c) => c.memory,
+            Self::Gradient(s) => Memory::of(s.limits),
             Self::Plan(s) => Memory::of(s.pictures.limits),
             Self::Render(s) => Memory::of(s.pictures.limits),
             Self::Reconstruct(c) => Memory::of(c.limits()),
             Self::Report(s) => Memory::of(s.limits),
             Self::Completions(_) | Self::Man(_) | Self::Schema(_) => return Ok(Limits::default().max_memory),
-            Self::Transfer(c) => c.memory,
+            Self::Transfer(s) => Memory::of(s.limits),
             Self::TryGrid(c) => return Ok(c.max_memory),
             Self::Usd(c) => c.memory(),
-            Self::View(c) => c.memory,
             Self::Viewpoint(s) => Memory::of(s.limits),
+            Self::View(c) => Memory::of(c.settings.limits),
         };
         memory.check()?;
         Ok(memory.limits().max_memory)
@@ -176,7 +177,7 @@ impl Command {
             Self::Report(c) => c.inputs(),
             Self::Transfer(c) => c.inputs(),
             Self::Usd(c) => c.inputs(),
-            Self::View(c) => c.inputs(),
+            Self::View(c) => c.settings.inputs(),
             Self::Viewpoint(c) => c.inputs(),
             Self::Diff(_) | Self::Info(_) | Self::Plan(_) | Self::Validate(_) => Vec::new(),
             Self::Completions(_) | Self::Man(_) | Self::Schema(_) | Self::TryGrid(_) => Vec::new(),
@@ -370,13 +371,13 @@ fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
         Command::Denoise(s) => denoise::run(&s, output),
         Command::Pose(s) => pose::run(&s, output),
         Command::Diff(s) => diff::run(&s, output),
-        Command::Gradient(c) => c.run(output),
+        Command::Gradient(s) => gradient::run(&s, output),
         Command::Plan(s) => plan::run(&s, output),
         Command::Render(s) => render::run(&s, output),
         Command::Reconstruct(c) => c.run(output),
         Command::Report(s) => report::run(&s, output),
         Command::Schema(c) => c.run(output),
-        Command::Transfer(c) => c.run(output),
+        Command::Transfer(s) => transfer::run(&s, output),
         Command::TryGrid(c) => Ok(c.run()),
         Command::Usd(c) => c.run(output),
         Command::View(c) => c.run(output),

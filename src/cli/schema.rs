@@ -1,7 +1,7 @@
 //! `cumulo schema`: JSON schemas of the files that Cumulo reads, and of the documents that it writes.
 
 use super::output::Output;
-use super::{capture, document, gradient, man, transfer, usd, view};
+use super::{document, man};
 use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
@@ -48,12 +48,12 @@ macro_rules! kinds {
 }
 
 kinds! {
-    CaptureConvert: "capture convert" => capture::Report;
+    CaptureConvert: "capture convert" => app::capture::CaptureReport;
     Compare: "compare" => app::compare::CompareReport;
     Convert: "convert" => app::convert::ConvertReport;
     Denoise: "denoise" => app::denoise::DenoiseReport;
     Diff: "diff" => app::diff::DiffReport;
-    Gradient: "gradient" => gradient::Report;
+    Gradient: "gradient" => app::gradient::GradientReport;
     Info: "info" => app::info::InfoReport;
     Man: "man" => man::Report;
     Motion: "motion" => app::motion::MotionReport;
@@ -64,11 +64,11 @@ kinds! {
     ReconstructTf: "reconstruct tf" => app::reconstruct::TransferRun;
     Render: "render" => app::render::RenderReport;
     Report: "report" => app::report::PageReport;
-    Transfer: "transfer" => transfer::AnyReport;
-    UsdAuthor: "usd author" => usd::Authored;
-    UsdLint: "usd lint" => usd::Linted;
+    Transfer: "transfer" => app::function::FunctionReport;
+    UsdAuthor: "usd author" => app::usd::author::AuthorReport;
+    UsdLint: "usd lint" => app::usd::lint::LintReport;
     Validate: "validate" => app::validate::ValidateReport;
-    View: "view" => view::Report;
+    View: "view" => app::view::ViewReport;
     Viewpoint: "viewpoint" => app::viewpoint::ViewpointReport;
 }
 

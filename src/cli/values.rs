@@ -1,8 +1,10 @@
 //! Values of options whose types live elsewhere: their names on the command line, with a line of help for each.
 
+use crate::app::capture::{Masked, Target};
 use crate::app::compare::Which;
 use crate::app::convert::{Convention, Form, Repair, UpTarget};
 use crate::app::denoise::{Cuts, Direction, Filter, Guide};
+use crate::app::gradient::{LossName, Wrt};
 use crate::app::reconstruct::refinement::Refined;
 use crate::app::reconstruct::{density, transfer};
 use crate::app::up::UpChoice;
@@ -10,8 +12,10 @@ use crate::differentiate::study::ad_mode::Mode;
 use crate::formats::imaging::options::Axes;
 use crate::formats::imaging::volume::GridType;
 use crate::formats::sample::Endian;
+use crate::formats::usd::write::material::Renderer;
 use crate::formats::vdb::{Codec, ResampleFilter};
 use crate::render::aov::Aov;
+use crate::render::differentiable::Adjoint;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
 use clap::ValueEnum;
@@ -80,6 +84,32 @@ value_enum!(Mode {
     Auto: "auto", "By the number of parameters and the loss";
     Reverse: "reverse" or "adjoint", "Backward: all parameters at once";
     Forward: "forward" or "tangent", "Forward: dual numbers, a few parameters at a time";
+});
+
+value_enum!(Wrt {
+    Step: "step", "The quadrature's step, in voxels";
+    Camera: "camera", "Position, rotation, focal lengths and principal point of each view";
+    Tf: "tf", "The transfer function's parameters";
+    Density: "density", "Every voxel's density, or extinction of a pre-shaded volume";
+    Emission: "emission", "Every voxel's emission in red, green and blue, of a pre-shaded volume";
+    Background: "background", "Radiance behind the volume";
+    Extinction: "extinction", "Extinction per unit of density";
+});
+
+value_enum!(LossName {
+    L1: "l1", "|c - c'|";
+    L2: "l2", "(c - c')²";
+    Huber: "huber", "Quadratic for small differences, linear for large ones";
+    LogTransmittance: "log-transmittance", "(ln T - ln T')² of the transmittances";
+    Ssim: "ssim", "1 - SSIM of the colors";
+    OpacityEntropy: "opacity-entropy", "Entropy of the alphas, 1 where all are equal";
+    Mean: "mean", "The colors themselves";
+});
+
+value_enum!(Adjoint {
+    Tape: "tape", "A tape of one ray";
+    Replay: "replay", "Walk the ray twice";
+    Inversion: "inversion", "Weiss & Westermann's inversion of the blend";
 });
 
 value_enum!(UpChoice {
@@ -179,6 +209,23 @@ value_enum!(Endian {
     Big: "big", "Most significant first";
 });
 
+value_enum!(Target {
+    Transforms: "transforms", "A transforms.json";
+    Colmap: "colmap", "A text model of COLMAP in sparse/0, with the pictures in images";
+});
+
+value_enum!(Masked {
+    Used: "used", "They are used as if there were no mask";
+    Background: "background", "They become the background of the capture, as if nothing were before it";
+});
+
+value_enum!(Renderer {
+    None: "none", "None: each shows densities as it does by default";
+    Arnold: "arnold", "Arnold";
+    Cycles: "cycles", "Cycles as a Hydra delegate";
+    MaterialX: "materialx", "Renderers of MaterialX volumes, such as Karma";
+});
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -189,6 +236,9 @@ mod tests {
         let named = |value: PossibleValue| value.get_name().to_owned();
         for aov in Aov::value_variants() {
             assert_eq!(aov.to_possible_value().map(named).as_deref(), Some(aov.name()));
+        }
+        for loss in LossName::value_variants() {
+            assert_eq!(loss.to_possible_value().map(named).as_deref(), Some(loss.name()));
         }
         for filter in Filter::value_variants() {
             assert_eq!(filter.to_possible_value().map(named).as_deref(), Some(filter.name()));

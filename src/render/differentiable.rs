@@ -6,9 +6,11 @@ use crate::math::Ray;
 use crate::scene::bricks::{Bricks, Voxel};
 use crate::scene::table::TableGradient;
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 /// Strategy by which the backward pass recovers the samples of the forward pass.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Adjoint {
     /// A tape of one ray: fast, memory of one ray's samples per thread.
     Tape,

@@ -1,7 +1,7 @@
 //! Transfer curves of pictures with integer samples: how a stored value becomes scene-linear light.
 
+use crate::text::serde_as_text;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::{Serialize, Serializer};
 use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
@@ -57,12 +57,6 @@ impl fmt::Display for ColorSpace {
     }
 }
 
-impl Serialize for ColorSpace {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self.name())
-    }
-}
-
 impl JsonSchema for ColorSpace {
     fn schema_name() -> Cow<'static, str> {
         "ColorSpace".into()
@@ -87,6 +81,8 @@ impl FromStr for ColorSpace {
         }
     }
 }
+
+serde_as_text!(ColorSpace);
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]

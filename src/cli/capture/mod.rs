@@ -1,14 +1,10 @@
 //! `cumulo capture`: captures of other programs.
 
 mod convert;
-mod photographs;
-mod pictures;
-mod placement;
-
-pub(in crate::cli) use convert::Report;
 
 use super::memory::Memory;
 use super::output::Output;
+use crate::app::capture::CaptureSettings;
 use crate::error::Result;
 use clap::Subcommand;
 use std::path::Path;
@@ -18,21 +14,21 @@ use std::process::ExitCode;
 #[derive(Debug, Subcommand)]
 pub enum CaptureCommand {
     /// Write a capture that every command takes: cameras without lens distortion and scene-linear EXRs
-    Convert(Box<convert::Convert>),
+    Convert(Box<CaptureSettings>),
 }
 
 impl CaptureCommand {
     /// Paths that the command reads.
     pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
         match self {
-            Self::Convert(c) => c.inputs(),
+            Self::Convert(s) => s.inputs(),
         }
     }
 
     /// Memory that the command may take.
     pub(super) fn memory(&self) -> Memory {
         match self {
-            Self::Convert(c) => c.memory,
+            Self::Convert(s) => Memory::of(s.limits),
         }
     }
 
@@ -42,7 +38,7 @@ impl CaptureCommand {
     /// Those of the command.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         match self {
-            Self::Convert(c) => c.run(output),
+            Self::Convert(s) => convert::run(s, output),
         }
     }
 }

@@ -3,11 +3,10 @@
 mod author;
 mod lint;
 
-pub(in crate::cli) use author::Report as Authored;
-pub(in crate::cli) use lint::Report as Linted;
-
 use super::memory::Memory;
 use super::output::Output;
+use crate::app::usd::author::AuthorSettings;
+use crate::app::usd::lint::LintSettings;
 use crate::error::Result;
 use clap::Subcommand;
 use std::path::Path;
@@ -17,25 +16,25 @@ use std::process::ExitCode;
 #[derive(Debug, Subcommand)]
 pub enum UsdCommand {
     /// Write a stage of volumes, with their media, lights and cameras
-    Author(Box<author::Author>),
+    Author(Box<AuthorSettings>),
     /// Say what is wrong with stages and what to do; exit code 1 if anything is
-    Lint(lint::Lint),
+    Lint(LintSettings),
 }
 
 impl UsdCommand {
     /// Paths that the command reads.
     pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
         match self {
-            Self::Author(c) => c.inputs(),
-            Self::Lint(c) => c.inputs(),
+            Self::Author(s) => s.inputs(),
+            Self::Lint(s) => s.inputs(),
         }
     }
 
     /// Memory that the command may take.
     pub(super) fn memory(&self) -> Memory {
         match self {
-            Self::Author(c) => c.memory,
-            Self::Lint(c) => c.memory,
+            Self::Author(s) => Memory::of(s.limits),
+            Self::Lint(s) => Memory::of(s.limits),
         }
     }
 
@@ -45,8 +44,8 @@ impl UsdCommand {
     /// Those of the command.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         match self {
-            Self::Author(c) => c.run(output),
-            Self::Lint(c) => c.run(output),
+            Self::Author(s) => author::run(s, output),
+            Self::Lint(s) => lint::run(s, output),
         }
     }
 }

@@ -1,37 +1,19 @@
 //! `cumulo view`: contact sheets of what is in files.
 
-mod camera;
-mod capture;
-mod exposure;
-mod layers;
-mod sequence;
-mod shown;
-mod slices;
-mod subject;
 mod terminal;
-mod volume;
 
+use super::args::read_as;
 use super::memory::Memory;
 use super::output::Output;
 use super::parse;
-use crate::app::failure::Failure;
-use crate::app::outputs::{self, Content as Kind};
 use crate::app::pictures::DensityScale;
-use crate::app::sequence::FrameSelection;
 use crate::app::transfer::TransferSettings;
-use crate::app::up::{self, UpChoice};
-use crate::error::{Error, Kind as ErrorKind, Result};
-use crate::formats::sequence::{Frames, Pattern};
-use crate::formats::vdb::File;
-use crate::formats::{self, Format, captures, picture, png, protected};
-use crate::report::sheet::Sheet;
-use crate::scene::up::Up;
-use crate::text::shell_quoted;
-pub(in crate::cli) use shown::Report;
-use shown::{Content, NotShown, Shown};
-use std::collections::BTreeSet;
+use crate::app::up::UpChoice;
+use crate::app::view::ViewSettings;
+use crate::error::{Error, Result};
+use crate::formats::sequence::Frames;
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use terminal::Graphics;
 
@@ -41,7 +23,7 @@ use terminal::Graphics;
 /// capture by its views and a plan of its cameras; a sequence by its frames. Scales and exposures are chosen so that
 /// something can be seen, and are stated. A file that cannot be shown is named, and the others are shown.
 #[derive(Debug, clap::Args)]
-pub struct View {
+struct ViewArgs {
     /// OpenVDB files, pictures (OpenEXR, PNG, JPEG), captures, and sequences such as smoke.####.vdb, view.%04d.exr or
     /// the folder of one
     #[arg(required = true, value_name = "FILE")]
@@ -73,164 +55,63 @@ pub struct View {
     #[command(flatten)]
     transfer: TransferSettings,
     #[command(flatten)]
-    pub(in crate::cli) memory: Memory,
+    memory: Memory,
 }
 
-/// Extensions of the files that a folder's sequence consists of.
-const ENDINGS: [&str; 3] = ["vdb", "nvdb", "exr"];
-
-/// Where sheets go.
-enum Destination {
-    Files(Vec<PathBuf>),
-    Terminal(Graphics),
+/// Settings of the sheets, and how they are drawn in the terminal.
+#[derive(Debug)]
+pub struct View {
+    pub(super) settings: ViewSettings,
+    terminal: Option<Graphics>,
 }
+
+impl From<ViewArgs> for View {
+    fn from(args: ViewArgs) -> Self {
+        let settings = ViewSettings {
+            files: args.files,
+            output: args.output,
+            grid: args.grid,
+            size: args.size,
+            exposure: args.exposure,
+            density_scale: args.density_scale,
+            up: args.up,
+            frames: args.frames,
+            transfer: args.transfer,
+            limits: args.memory.limits(),
+        };
+        Self { settings, terminal: args.terminal }
+    }
+}
+
+read_as!(View, ViewArgs);
 
 impl View {
-    /// Paths that the command reads.
-    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
-        self.files.iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
-    }
-
-    /// Reads, draws, writes or shows, and reports.
+    /// Writes the sheets or shows them, and reports. The exit code is 2 if a file or a frame could not be shown.
     ///
     /// # Errors
-    /// If the only file cannot be read or shown, a sheet cannot be written, or there is neither a terminal nor an
-    /// output.
+    /// Those of [`ViewSettings::show`], and if there is neither a terminal nor an output.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let destination = self.destination(output)?;
-        let (mut sheets, mut failed) = (Vec::new(), Vec::new());
-        for (i, file) in self.files.iter().enumerate() {
-            let drawn = {
-                let _stage = output.stage("looking");
-                self.sheet(file)
-            };
-            let (sheet, content) = match drawn {
-                Ok(drawn) => drawn,
-                Err(e) if self.files.len() == 1 || e.kind() == ErrorKind::Cancelled => return Err(e),
-                Err(e) => {
-                    failed.push(NotShown { input: file.clone(), error: Failure::new(&e.at(file), output) });
-                    continue;
-                }
-            };
-            let canvas = sheet.draw();
-            let written = match &destination {
-                Destination::Files(paths) => {
-                    png::write_rgb8(&paths[i], canvas.width, canvas.height, &canvas.rgb)?;
-                    Some(paths[i].clone())
-                }
-                Destination::Terminal(graphics) => {
-                    terminal::show(&canvas, *graphics)?;
-                    None
-                }
-            };
-            let size = [canvas.width, canvas.height];
-            sheets.push(Shown { input: file.clone(), output: written, size, content });
-        }
-        sheets.iter().for_each(|shown| output.failed(shown.content.failed()));
-        let whole = failed.is_empty() && sheets.iter().all(|shown| shown.content.failed().is_empty());
-        output.report(&Report { sheets, failed })?;
-        Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(2) })
-    }
-
-    /// Returns the up axis of a volume: that of `--up`, else what the file states, else Z.
-    fn up_of(&self, file: &File) -> Up {
-        self.up.stated().unwrap_or_else(|| up::of_file(file).axis)
-    }
-
-    /// Draws the sheet of a file or a sequence.
-    fn sheet(&self, path: &Path) -> Result<(Sheet, Content)> {
-        let limits = self.memory.limits();
-        if let Some(pattern) = self.pattern(path)? {
-            return sequence::sheet(self, path, &pattern, limits);
-        }
-        if self.frames.is_some() {
-            return Err(Error::invalid("--frames: this is one file, and no sequence")
-                .at(path)
-                .hint("leave --frames out, or name a sequence such as smoke.####.vdb"));
-        }
-        match formats::sniff(path)? {
-            Format::Vdb | Format::NanoVdb => volume::sheet(self, path, limits),
-            Format::Exr => layers::sheet(self, path, limits),
-            Format::Capture => capture::sheet(self, path, limits),
-            Format::Unknown if picture::kind(path).is_ok() => layers::plain(self, path, limits),
-            Format::Unknown => Err(formats::unknown(path)),
-            other => Err(Error::unsupported(format!("{} has no sheet", other.name())).at(path).hint(format!(
-                "render a picture of it: cumulo render {} --views 1 --size 512x512 -o picture.png",
-                shell_quoted(&path.to_string_lossy())
-            ))),
-        }
-    }
-
-    /// Returns the names of the sequence that a path stands for: a pattern, or a folder that is no capture; none for a
-    /// file.
-    ///
-    /// # Errors
-    /// If a folder holds several sequences, or neither a sequence nor a capture.
-    fn pattern(&self, path: &Path) -> Result<Option<Pattern>> {
-        if path.is_dir() && captures::file(path).exists() {
-            return Ok(None);
-        }
-        let found = FrameSelection::default().sequence(path, &ENDINGS)?;
-        if found.is_none() && path.is_dir() {
-            return Err(Error::invalid("the folder holds neither a capture nor a sequence")
-                .at(path)
-                .hint("a sequence is two numbered files or more, .vdb or .exr; of other files give the names"));
-        }
-        Ok(found.map(|sequence| sequence.pattern))
-    }
-
-    /// Returns where sheets go, once that is known to be possible.
-    fn destination(&self, output: &Output) -> Result<Destination> {
-        let Some(path) = &self.output else {
-            if output.is_json() {
-                return Err(Error::invalid("--json: standard output cannot hold the report and the pictures")
-                    .hint("give -o OUT.png for the pictures"));
-            }
-            if self.terminal.is_none() && !std::io::stdout().is_terminal() {
-                return Err(Error::invalid("standard output is no terminal: nothing can be shown there")
-                    .hint("give -o OUT.png, or choose how to draw all the same with --terminal"));
-            }
-            let graphics = self.terminal.unwrap_or_else(|| Graphics::detected(|name| std::env::var(name).ok()));
-            return Ok(Destination::Terminal(graphics));
-        };
-        let paths = match &self.files[..] {
-            [_] if !path.is_dir() => {
-                outputs::file(path, Kind::Png)?;
-                vec![path.clone()]
-            }
-            files => {
-                outputs::folder(path)?;
-                let names: Vec<String> = files.iter().map(|file| name_of(file)).collect();
-                if names.iter().collect::<BTreeSet<_>>().len() < names.len() {
-                    return Err(Error::invalid("several files have one name, and so would their sheets")
-                        .at(path)
-                        .hint("view them one by one, each with an output of its own"));
-                }
-                std::fs::create_dir_all(path).map_err(|e| Error::io(path, e))?;
-                names.iter().map(|name| path.join(format!("{name}.png"))).collect()
+        let report = match self.settings.output {
+            Some(_) => self.settings.run(output)?,
+            None => {
+                let graphics = self.graphics(output)?;
+                self.settings.show(output, &mut |canvas| terminal::show(canvas, graphics))?
             }
         };
-        paths.iter().try_for_each(|path| protected::check(path))?;
-        Ok(Destination::Files(paths))
+        output.report(&report)?;
+        Ok(if report.complete() { ExitCode::SUCCESS } else { ExitCode::from(2) })
     }
 
-    /// Longer side of each of `count` pictures in pixels: that of the options, else `usual`.
-    ///
-    /// # Errors
-    /// If so many pictures do not fit in memory.
-    fn side(&self, usual: usize, count: usize) -> Result<usize> {
-        let side = self.size.map_or(usual, |side| side as usize);
-        // Floating-point pixels, their levels, and those of the sheet.
-        let bytes = (count * side * side * (size_of::<[f32; 4]>() + 8)) as u64;
-        if bytes > self.memory.limits().max_memory {
-            return Err(Error::unsupported(format!("{count} pictures of {side} pixels do not fit in memory"))
-                .hint("give a smaller --size, or raise --max-memory"));
+    /// Returns how the terminal draws pictures.
+    fn graphics(&self, output: &Output) -> Result<Graphics> {
+        if output.is_json() {
+            return Err(Error::invalid("--json: standard output cannot hold the report and the pictures")
+                .hint("give -o OUT.png for the pictures"));
         }
-        Ok(side)
+        if self.terminal.is_none() && !std::io::stdout().is_terminal() {
+            return Err(Error::invalid("standard output is no terminal: nothing can be shown there")
+                .hint("give -o OUT.png, or choose how to draw all the same with --terminal"));
+        }
+        Ok(self.terminal.unwrap_or_else(|| Graphics::detected(|name| std::env::var(name).ok())))
     }
-}
-
-/// Name of a file for a heading.
-fn name_of(path: &Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

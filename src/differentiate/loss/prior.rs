@@ -9,9 +9,8 @@ use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::neighbours::Neighbours;
 use crate::scene::table::Rgbs;
 use crate::scene::transfer::Transfer;
+use crate::text::serde_as_text;
 use rayon::prelude::*;
-use serde::de::Error as _;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
 use std::str::FromStr;
 
@@ -196,17 +195,8 @@ impl<P: Named> fmt::Display for Weighted<P> {
     }
 }
 
-impl<P: Named> Serialize for Weighted<P> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
-
-impl<'de, P: Named> Deserialize<'de> for Weighted<P> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
-        String::deserialize(deserializer)?.parse().map_err(D::Error::custom)
-    }
-}
+serde_as_text!(Weighted<VolumePrior>);
+serde_as_text!(Weighted<Prior>);
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]

@@ -8,9 +8,11 @@
 
 use crate::differentiate::loss::Reach;
 use crate::render::differentiable::Adjoint;
+use serde::{Deserialize, Serialize};
 
 /// Differentiation mode that is requested.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Mode {
     /// Choice by the number of parameters and the loss.
     Auto,

@@ -12,7 +12,8 @@ use crate::formats::scene_file::MediumEntry;
 pub const SET: &str = "renderer";
 
 /// Renderer whose material a volume is bound to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Renderer {
     /// No material: every renderer shows the density as it does by default.
     #[default]

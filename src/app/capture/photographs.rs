@@ -52,13 +52,13 @@ impl Setting {
         if given.is_none() && 2 * self.border.iter().filter(like).count() < self.border.len() {
             return Err(Error::invalid("the borders of the pictures do not show one even background").hint(
                 "take pictures that show the medium before a black or an evenly lit background with some room around \
-                 it, or state the background with --background",
+                 it, or state the background with ⟨background⟩",
             ));
         }
         let most = self.added.iter().copied().fold(0.0, f64::max);
         if most.max(self.taken) == 0.0 {
             return Err(Error::invalid("the pictures show nothing that differs from their background")
-                .hint("give other pictures, or for videos another --frame"));
+                .hint("give other pictures, or for videos another ⟨frame⟩"));
         }
         let light = self.added.iter().sum::<f64>() > self.taken;
         let black = median.iter().all(|v| *v <= BLACK);

@@ -5,19 +5,18 @@ use crate::math::Aabb;
 use crate::scene::camera::Projection;
 use crate::scene::capture::Capture;
 use glam::{DMat4, DVec3};
+use serde::{Deserialize, Serialize};
 
-/// Options that place the world of a capture.
-#[derive(Debug, Clone, Copy, clap::Args)]
-pub(super) struct Placement {
-    /// Factor of all lengths, before --offset
-    #[arg(long, value_name = "S", value_parser = crate::cli::parse::positive)]
-    scale: Option<f64>,
-    /// Translation of the scaled world
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = crate::cli::parse::vector)]
-    offset: Option<DVec3>,
-    /// Move the point that all cameras look at, by least squares, to the origin; before --scale
-    #[arg(long)]
-    recenter: bool,
+/// Place of the world of a capture.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Placement {
+    /// Factor of all lengths, before the offset; none for 1.
+    pub scale: Option<f64>,
+    /// Translation of the scaled world; none for 0.
+    pub offset: Option<[f64; 3]>,
+    /// True to move the point that all cameras look at, by least squares, to the origin; before the scale.
+    pub recenter: bool,
 }
 
 impl Placement {
@@ -25,14 +24,18 @@ impl Placement {
     ///
     /// # Errors
     /// If the cameras look at no common point.
-    pub fn map(&self, capture: &Capture) -> Result<Option<DMat4>> {
+    pub(super) fn map(&self, capture: &Capture) -> Result<Option<DMat4>> {
         let Self { scale, offset, recenter } = *self;
         if scale.is_none() && offset.is_none() && !recenter {
             return Ok(None);
         }
         let centre = if recenter { target(capture)? } else { DVec3::ZERO };
         let scale = DMat4::from_scale(DVec3::splat(scale.unwrap_or(1.0)));
-        Ok(Some(DMat4::from_translation(offset.unwrap_or(DVec3::ZERO)) * scale * DMat4::from_translation(-centre)))
+        Ok(Some(
+            DMat4::from_translation(offset.map_or(DVec3::ZERO, DVec3::from_array))
+                * scale
+                * DMat4::from_translation(-centre),
+        ))
     }
 }
 
@@ -68,8 +71,8 @@ fn target(capture: &Capture) -> Result<DVec3> {
     // The determinant of n views from all sides is near (2 n / 3)³; of parallel axes it is 0.
     let count = capture.frames.len() as f64;
     if matrix.determinant() < 1e-6 * count.powi(3) {
-        return Err(Error::invalid("--recenter: the cameras look along parallel lines, at no common point")
-            .hint("give --offset instead"));
+        return Err(Error::invalid("⟨recenter⟩: the cameras look along parallel lines, at no common point")
+            .hint("give ⟨offset⟩ instead"));
     }
     Ok(matrix.inverse() * right)
 }
@@ -89,7 +92,7 @@ mod tests {
             {"file_path": "b", "transform_matrix": [[0,0,1,9],[0,1,0,1],[-1,0,0,-1],[0,0,0,1]]}]}"#;
         std::fs::write(dir.path().join("transforms.json"), json).unwrap();
         let capture = transforms::load(dir.path()).unwrap();
-        let placement = Placement { scale: Some(0.5), offset: Some(DVec3::new(0.0, 0.0, 7.0)), recenter: true };
+        let placement = Placement { scale: Some(0.5), offset: Some([0.0, 0.0, 7.0]), recenter: true };
         // The axes meet at (2, 1, -1): along -z at x = 2, y = 1, and along -x at y = 1, z = -1.
         let map = placement.map(&capture).unwrap().unwrap();
         assert!((map.transform_point3(DVec3::new(2.0, 1.0, -1.0)) - DVec3::new(0.0, 0.0, 7.0)).length() < 1e-12);

@@ -1,14 +1,14 @@
 //! Derivatives by voxel as a grid.
 
-use super::GradientCommand;
+use super::GradientSettings;
 use crate::differentiate::study::subject::Subject;
 use crate::differentiate::study::{Study, StudyGradient};
 use crate::scene::bricks::Topology;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use std::collections::BTreeMap;
 
-impl GradientCommand {
-    /// Returns the derivatives by voxel as grids, one a channel; none without `--output`.
+impl GradientSettings {
+    /// Returns the derivatives by voxel as grids, one a channel; none if they are not to be written.
     pub(super) fn as_grids<V: Subject>(&self, study: &Study<V>, gradient: &StudyGradient) -> Vec<Grid> {
         let channels = self.channels::<V>();
         let grid = |(at, channel): (usize, &usize)| Grid {

@@ -48,7 +48,7 @@ impl Orientation {
 
 /// Place of a slice.
 #[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Cut {
+pub(super) struct Cut {
     /// Axis that is perpendicular to it.
     pub axis: &'static str,
     /// Index along the axis.

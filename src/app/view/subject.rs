@@ -1,11 +1,10 @@
 //! The density that a picture of a grid shows.
 
-use super::View;
+use super::ViewSettings;
 use super::slices::magnitude;
 use crate::app::pictures::DensityScale;
 use crate::app::volume;
 use crate::cancel::Cancel;
-use crate::cli::cancel;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer;
@@ -45,11 +44,12 @@ pub(super) struct Subject {
 }
 
 impl Subject {
-    /// Arranges a grid: by the transfer function of the options, or of the grid; without one as an absorber.
+    /// Arranges a grid: by the transfer function of the settings, or of the grid; without one as an absorber.
     ///
     /// # Errors
     /// If the grid does not fit in memory, has no affine transform, or a transfer function cannot be used with it.
-    pub fn of(view: &View, native: &NativeGrid, info: &GridInfo, limits: Limits) -> Result<Self> {
+    pub fn of(view: &ViewSettings, native: &NativeGrid, info: &GridInfo) -> Result<Self> {
+        let limits = view.limits;
         let requested = view.transfer.load(limits)?;
         let carried = transfer::from_metadata(&native.metadata()?).unwrap_or_default();
         if let Some(transfer) = requested.or(carried.filter(|_| info.components == 1)) {
@@ -116,9 +116,9 @@ impl Subject {
         tiles::map(&rows, &Cancel::NEVER, Default::default, row).map(|rows| rows.concat())
     }
 
-    /// Returns the extinction per unit of density for a camera: that of the options, or the one at which the picture
+    /// Returns the extinction per unit of density for a camera: that of the settings, or the one at which the picture
     /// neither vanishes nor goes black; `None` if nothing is in view.
-    pub fn scale(&self, view: &View, camera: &Camera) -> Option<f64> {
+    pub fn scale(&self, view: &ViewSettings, camera: &Camera) -> Option<f64> {
         match view.density_scale {
             DensityScale::Given(scale) => Some(scale),
             DensityScale::Auto => scale::density_scale(&self.field, &self.source, &[*camera]),
@@ -129,7 +129,7 @@ impl Subject {
     ///
     /// # Errors
     /// If the medium cannot be rendered, or the user stopped the work.
-    pub fn picture(self, camera: &Camera, scale: f64) -> Result<Film> {
+    pub fn picture(self, camera: &Camera, scale: f64, cancel: &Cancel) -> Result<Film> {
         let shines = matches!(self.source, Source::Transfer(_));
         let quadrature = Quadrature::usual(&self.source);
         let scene = Scene {
@@ -138,7 +138,7 @@ impl Subject {
             ..Scene::default()
         };
         let renderer = AnyRenderer::new(&scene, quadrature)?.early_stop(EARLY_STOP);
-        renderer.picture(camera, RAYS, &cancel::listen()).ok_or_else(Error::cancelled)
+        renderer.picture(camera, RAYS, cancel).ok_or_else(Error::cancelled)
     }
 }
 

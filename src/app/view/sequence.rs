@@ -3,10 +3,10 @@
 use super::capture::evenly;
 use super::shown::{Content, Sequence};
 use super::subject::Subject;
-use super::{View, camera, exposure, name_of, volume};
+use super::{ViewSettings, camera, exposure, name_of, volume};
+use crate::app::Context;
 use crate::app::failed::Failed;
 use crate::error::{Error, Result};
-use crate::formats::limits::Limits;
 use crate::formats::png::ToneMapping;
 use crate::formats::sequence::Pattern;
 use crate::formats::vdb::File;
@@ -31,7 +31,12 @@ const MOST_CHOSEN: usize = 400;
 ///
 /// # Errors
 /// If none of the frames can be shown.
-pub(super) fn sheet(view: &View, path: &Path, pattern: &Pattern, limits: Limits) -> Result<(Sheet, Content)> {
+pub(super) fn sheet(
+    view: &ViewSettings,
+    path: &Path,
+    pattern: &Pattern,
+    context: &Context,
+) -> Result<(Sheet, Content)> {
     let all = match view.frames {
         Some(frames) => frames.numbers().collect(),
         None => pattern.all_numbers()?,
@@ -39,7 +44,7 @@ pub(super) fn sheet(view: &View, path: &Path, pattern: &Pattern, limits: Limits)
     if view.frames.is_some() && all.len() > MOST_CHOSEN {
         return Err(Error::unsupported(format!("{} frames: {MOST_CHOSEN} fit on a sheet", all.len()))
             .at(path)
-            .hint("choose fewer with --frames A-BxSTEP"));
+            .hint("choose fewer with ⟨frames⟩ A-BxSTEP"));
     }
     let mut failed: Vec<Failed> = all.iter().filter_map(|number| missing(pattern, *number)).collect();
     let there: Vec<u32> =
@@ -51,11 +56,11 @@ pub(super) fn sheet(view: &View, path: &Path, pattern: &Pattern, limits: Limits)
     let mut axis = None;
     let mut density_scale = None;
     let (films, exposure) = match format(pattern, &numbers)? {
-        Format::Exr => pictures(view, pattern, &mut numbers, &mut failed, limits)?,
+        Format::Exr => pictures(view, pattern, &mut numbers, &mut failed)?,
         _ => {
-            let file = |number: &u32| File::open(pattern.path(*number), limits).ok();
+            let file = |number: &u32| File::open(pattern.path(*number), view.limits).ok();
             let up = numbers.iter().find_map(file).map(|file| view.up_of(&file)).unwrap_or_default();
-            let volumes = volumes(view, pattern, &mut numbers, &mut failed, up, limits)?;
+            let volumes = volumes(view, pattern, &mut numbers, &mut failed, up, context)?;
             axis = Some((up, volumes.light));
             density_scale = Some(volumes.scale);
             (volumes.films, view.exposure.unwrap_or(0.0))
@@ -95,7 +100,7 @@ fn format(pattern: &Pattern, numbers: &[u32]) -> Result<Format> {
     let Some(first) = numbers.first() else {
         return Err(Error::invalid("none of the frames is there")
             .at(pattern.name())
-            .hint("check the numbers, or leave --frames out to show those that are there"));
+            .hint("check the numbers, or leave ⟨frames⟩ out to show those that are there"));
     };
     let known = |format: &Format| matches!(format, Format::Vdb | Format::NanoVdb | Format::Exr);
     let found = numbers.iter().find_map(|number| formats::sniff(&pattern.path(*number)).ok().filter(known));
@@ -141,20 +146,20 @@ struct Volumes {
 /// Pictures of the frames' volumes by one camera and one density scale: the smallest of those that suit the frames, so
 /// that none goes black.
 fn volumes(
-    view: &View,
+    view: &ViewSettings,
     pattern: &Pattern,
     numbers: &mut Vec<u32>,
     failed: &mut Vec<Failed>,
     up: Up,
-    limits: Limits,
+    context: &Context,
 ) -> Result<Volumes> {
     let side = view.side(SIDE, numbers.len())?;
     let subject = |number: u32| {
         let path = pattern.path(number);
-        let file = File::open(&path, limits)?;
+        let file = File::open(&path, view.limits)?;
         let native = file.read(&volume::name(view, &file)?)?;
         let info = native.info().map_err(|e| e.at(&path))?;
-        Subject::of(view, &native, &info, limits).map_err(|e| e.at(&path))
+        Subject::of(view, &native, &info).map_err(|e| e.at(&path))
     };
     let (mut bounds, mut scale, mut light) = (Aabb::EMPTY, f64::INFINITY, "");
     each(numbers, failed, |number| {
@@ -173,21 +178,21 @@ fn volumes(
     let bounds = if bounds.is_empty() { Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE } } else { bounds };
     let scale = if scale.is_finite() { scale } else { 1.0 };
     let camera = camera::around(&bounds.corners(), side, up);
-    let picture = |number| subject(number)?.picture(&camera, scale).map_err(|e| e.at(pattern.path(number)));
+    let picture =
+        |number| subject(number)?.picture(&camera, scale, &context.cancel()).map_err(|e| e.at(pattern.path(number)));
     Ok(Volumes { films: each(numbers, failed, picture)?, scale, light })
 }
 
 /// The frames' pictures, reduced, and the exposure at which none is burnt out.
 fn pictures(
-    view: &View,
+    view: &ViewSettings,
     pattern: &Pattern,
     numbers: &mut Vec<u32>,
     failed: &mut Vec<Failed>,
-    limits: Limits,
 ) -> Result<(Vec<Film>, f64)> {
     let (mut white, side) = (0.0_f64, view.side(SIDE, numbers.len())?);
     let films = each(numbers, failed, |number| {
-        let film = exr::read_picture_within(&pattern.path(number), None, limits)?;
+        let film = exr::read_picture_within(&pattern.path(number), None, view.limits)?;
         white = white.max(exposure::white_of(&film));
         Ok(fitted(&film, side))
     })?;

@@ -1,6 +1,6 @@
-//! What a stage is to hold: volumes with their media, and lights, from options or from a scene file.
+//! What a stage is to hold: volumes with their media, and lights, from settings or from a scene file.
 
-use super::Author;
+use super::AuthorSettings;
 use crate::app::pictures::scattering::Sky;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -10,6 +10,7 @@ use crate::formats::{self, Format};
 use crate::math::Affine;
 use crate::scene::light::Light;
 use crate::scene::transfer::Transfer;
+use crate::wording::worded;
 use std::path::{Path, PathBuf};
 
 /// Name of the part of densities, by which shaders look them up.
@@ -35,26 +36,26 @@ pub(super) struct Content {
     pub lights: Vec<(LightEntry, Option<PathBuf>)>,
 }
 
-impl Author {
-    /// Returns the content that a scene file or the options describe.
+impl AuthorSettings {
+    /// Returns the content that a scene file or the settings describe.
     ///
     /// # Errors
     /// If the scene file or a transfer function cannot be read, or a medium or light cannot be used.
-    pub(super) fn content(&self, limits: Limits) -> Result<Content> {
+    pub(super) fn content(&self) -> Result<Content> {
         let is_scene = self.input.is_file() && formats::sniff(&self.input)? == Format::Capture;
-        let content = if is_scene { self.of_scene_file(limits)? } else { self.of_options()? };
+        let content = if is_scene { self.of_scene_file()? } else { self.of_settings()? };
         for source in &content.volumes {
-            check_medium(source, limits)?;
+            check_medium(source, self.limits)?;
         }
         content.lights.iter().try_for_each(|(light, _)| check_light(light))?;
         Ok(content)
     }
 
-    fn of_options(&self) -> Result<Content> {
+    fn of_settings(&self) -> Result<Content> {
         if let Some(name) = self.tf.as_ref().filter(|tf| transfer::file(tf).is_none()) {
             let name = name.display();
             return Err(Error::unsupported("a stage refers to the file of a transfer function, and this is a name")
-                .part(format!("--tf {name}"))
+                .part(worded(&format!("⟨tf={name}⟩")))
                 .hint(format!("make a file of it: cumulo transfer {name} -o {name}.tf.json")));
         }
         let medium = MediumEntry {
@@ -67,7 +68,7 @@ impl Author {
             ..MediumEntry::default()
         };
         let sun = self.sun.map(|direction| LightEntry::DistantLight {
-            direction: direction.to_array(),
+            direction,
             irradiance: self.sun_color,
             angle: self.sun_angle,
         });
@@ -84,9 +85,9 @@ impl Author {
         Ok(Content { volumes: vec![volume], lights })
     }
 
-    fn of_scene_file(&self, limits: Limits) -> Result<Content> {
+    fn of_scene_file(&self) -> Result<Content> {
         self.check_alone()?;
-        let SceneFile { volumes, lights } = scene_file::read(&self.input, limits)?;
+        let SceneFile { volumes, lights } = scene_file::read(&self.input, self.limits)?;
         let folder = self.input.parent().unwrap_or(Path::new(""));
         let volume = |(i, entry): (usize, VolumeEntry)| {
             let named = |e: Error| e.part(format!("volume {i}")).at(&self.input);
@@ -99,7 +100,7 @@ impl Author {
             {
                 return Err(named(
                     Error::unsupported(format!("velocities at {fps} frames a second, in a stage of {}", self.fps))
-                        .hint(format!("a stage has one rate for both: give --fps {fps}")),
+                        .hint(format!("a stage has one rate for both: give ⟨fps={fps}⟩")),
                 ));
             }
             let transfer = medium.transfer.as_ref().map(|tf| folder.join(tf));
@@ -118,24 +119,24 @@ impl Author {
         })
     }
 
-    /// Refuses options that a scene file states itself.
+    /// Refuses settings that a scene file states itself.
     fn check_alone(&self) -> Result<()> {
         let given = [
-            ("--density", self.density.is_some()),
-            ("--density-scale", self.density_scale.is_some()),
-            ("--albedo", self.albedo.is_some()),
-            ("--anisotropy", self.anisotropy.is_some()),
-            ("--extinction-color", self.extinction_color.is_some()),
-            ("--emission", self.emission.is_some()),
-            ("--tf", self.tf.is_some()),
-            ("--sun", self.sun.is_some()),
-            ("--sky", self.sky.is_some()),
+            ("⟨density⟩", self.density.is_some()),
+            ("⟨density_scale⟩", self.density_scale.is_some()),
+            ("⟨albedo⟩", self.albedo.is_some()),
+            ("⟨anisotropy⟩", self.anisotropy.is_some()),
+            ("⟨extinction_color⟩", self.extinction_color.is_some()),
+            ("⟨emission⟩", self.emission.is_some()),
+            ("⟨tf⟩", self.tf.is_some()),
+            ("⟨sun⟩", self.sun.is_some()),
+            ("⟨sky⟩", self.sky.is_some()),
         ];
         match given.iter().find(|(_, given)| *given) {
-            Some((option, _)) => {
-                Err(Error::invalid(format!("{option}: the scene file states its own media and lights"))
+            Some((setting, _)) => {
+                Err(Error::invalid(format!("{setting}: the scene file states its own media and lights"))
                     .at(&self.input)
-                    .hint(format!("leave {option} out, or give the VDB itself")))
+                    .hint(format!("leave {setting} out, or give the VDB itself")))
             }
             None => Ok(()),
         }

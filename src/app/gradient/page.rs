@@ -1,7 +1,7 @@
-//! The page of a gradient: renders, slices of the derivatives by voxel, and every derivative listed.
+//! The page of derivatives: renders, slices of the derivatives by voxel, and every derivative listed.
 
-use super::GradientCommand;
-use super::report::Report;
+use super::GradientSettings;
+use super::report::GradientReport;
 use crate::differentiate::loss::Rgba;
 use crate::differentiate::study::subject::Subject;
 use crate::differentiate::study::{Study, StudyGradient};
@@ -11,9 +11,14 @@ use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::film::Film;
 
-impl GradientCommand {
+impl GradientSettings {
     /// Makes the page, but for its provenance.
-    pub(super) fn page<V: Subject>(&self, study: &Study<V>, gradient: &StudyGradient, report: &Report) -> Result<Page> {
+    pub(super) fn page<V: Subject>(
+        &self,
+        study: &Study<V>,
+        gradient: &StudyGradient,
+        report: &GradientReport,
+    ) -> Result<Page> {
         let name = self.input.file_name().unwrap_or(self.input.as_os_str()).to_string_lossy();
         let mut page = Page::new(
             format!("{name}, derivatives of {}", report.loss),

@@ -1,7 +1,7 @@
 //! The sheet of a capture: its views, and where its cameras stand.
 
 use super::shown::{Capture as ShownCapture, Content};
-use super::{View, exposure, name_of};
+use super::{ViewSettings, exposure, name_of};
 use crate::error::{Error, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
@@ -29,8 +29,8 @@ const NUMBERED: usize = 60;
 ///
 /// # Errors
 /// If the capture cannot be read, or has no views. Pictures that cannot be read are shown as missing.
-pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, Content)> {
-    let capture = captures::stated_within(path, limits)?.capture;
+pub(super) fn sheet(view: &ViewSettings, path: &Path) -> Result<(Sheet, Content)> {
+    let capture = captures::stated_within(path, view.limits)?.capture;
     let count = capture.frames.len();
     if count == 0 {
         return Err(Error::invalid("the capture has no views").at(path).hint("check the list 'frames' of its file"));
@@ -38,7 +38,7 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
     let shown = evenly(count, MOST);
     let side = view.side(SIDE, shown.len()).map_err(|e| e.at(path))?;
     // One picture on each thread, and its brightest channel in order.
-    let each = Limits { max_memory: limits.max_memory / 2 / rayon::current_num_threads().max(1) as u64 };
+    let each = Limits { max_memory: view.limits.max_memory / 2 / rayon::current_num_threads().max(1) as u64 };
     let pictures: Vec<Result<Thumbnail>> =
         shown.par_iter().map(|i| thumbnail(&capture, &capture.frames[*i], side, each)).collect();
     let white = pictures.iter().flatten().filter(|t| t.linear).map(|t| t.white).fold(0.0, f64::max);

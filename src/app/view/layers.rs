@@ -1,7 +1,7 @@
 //! The sheet of a picture: its layers side by side.
 
 use super::shown::{Content, Layer as ShownLayer, Picture};
-use super::{View, exposure, name_of};
+use super::{ViewSettings, exposure, name_of};
 use crate::error::Result;
 use crate::formats::exr::{self, Channel, Image, Layer};
 use crate::formats::limits::Limits;
@@ -46,11 +46,11 @@ enum Kind {
 ///
 /// # Errors
 /// If the file cannot be read, or its layers do not fit in memory.
-pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, Content)> {
+pub(super) fn sheet(view: &ViewSettings, path: &Path) -> Result<(Sheet, Content)> {
     let side = view.side(SIDE, MOST).map_err(|e| e.at(path))?;
     // A layer is taken apart while all are held: one film, and the numbers of a channel in order.
     let apart = exr::header(path)?.display_window.pixels().saturating_mul((size_of::<[f32; 4]>() + 8) as u64);
-    let image = exr::read_within(path, Limits { max_memory: limits.max_memory.saturating_sub(apart) })?;
+    let image = exr::read_within(path, Limits { max_memory: view.limits.max_memory.saturating_sub(apart) })?;
     let planes: Vec<Plane> = image.layers.iter().flat_map(|layer| planes(&image, layer, side)).collect();
     let resolution = [image.width, image.height];
     let channels: usize = image.layers.iter().map(|layer| layer.channels.len()).sum();
@@ -66,10 +66,10 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
 ///
 /// # Errors
 /// If the file cannot be read.
-pub(super) fn plain(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, Content)> {
+pub(super) fn plain(view: &ViewSettings, path: &Path) -> Result<(Sheet, Content)> {
     let header = picture::header(path)?;
     let color_space = header.color_space.or(Some(ColorSpace::Srgb));
-    let film = picture::read(path, &Options { color_space, limits, ..Options::default() })?.film;
+    let film = picture::read(path, &Options { color_space, limits: view.limits, ..Options::default() })?.film;
     let bits = header.bits.map_or(String::new(), |bits| format!(", {bits} bits"));
     let lines = vec![format!("{} x {} pixels, {}{bits}", film.width, film.height, header.kind.name())];
     let resolution = [film.width, film.height];
@@ -81,7 +81,7 @@ pub(super) fn plain(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
 
 /// Arranges planes on a sheet, all colors with one exposure: that of the beauty, else of the first.
 fn arranged(
-    view: &View,
+    view: &ViewSettings,
     path: &Path,
     mut planes: Vec<Plane>,
     resolution: [usize; 2],

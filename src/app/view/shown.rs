@@ -11,17 +11,18 @@ use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
 
+/// Report on contact sheets.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Report {
-    pub sheets: Vec<Shown>,
+pub struct ViewReport {
+    pub(super) sheets: Vec<Shown>,
     /// Files without a sheet.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub failed: Vec<NotShown>,
+    pub(super) failed: Vec<NotShown>,
 }
 
 /// A file that could not be shown.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct NotShown {
+pub(super) struct NotShown {
     #[serde(serialize_with = "crate::app::paths::text")]
     pub input: PathBuf,
     pub error: Failure,
@@ -29,10 +30,10 @@ pub(in crate::cli) struct NotShown {
 
 /// A sheet of a file.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Shown {
+pub(super) struct Shown {
     #[serde(serialize_with = "crate::app::paths::text")]
     pub input: PathBuf,
-    /// PNG that was written; none if the sheet was shown in the terminal.
+    /// PNG that was written; none if the sheet was only shown.
     #[serde(serialize_with = "crate::app::paths::text")]
     pub output: Option<PathBuf>,
     /// Width and height of the sheet in pixels.
@@ -44,7 +45,7 @@ pub(in crate::cli) struct Shown {
 /// Content of a sheet.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(tag = "shows", rename_all = "lowercase")]
-pub(in crate::cli) enum Content {
+pub(super) enum Content {
     Volume(Box<Volume>),
     Picture(Picture),
     Capture(Capture),
@@ -53,7 +54,7 @@ pub(in crate::cli) enum Content {
 
 /// A grid of a VDB.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Volume {
+pub(super) struct Volume {
     pub grid: String,
     /// Names of all grids of the file.
     pub grids: Vec<String>,
@@ -81,7 +82,7 @@ pub(in crate::cli) struct Volume {
 
 /// A picture with its layers.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Picture {
+pub(super) struct Picture {
     /// Width and height in pixels.
     pub resolution: [usize; 2],
     /// Exposure of colors in stops.
@@ -93,7 +94,7 @@ pub(in crate::cli) struct Picture {
 
 /// A layer, or a channel of one, as it is shown.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Layer {
+pub(super) struct Layer {
     pub name: String,
     /// How it is shown: `colors` with the exposure, `vectors` around grey, or `numbers` from black to white.
     pub kind: &'static str,
@@ -105,7 +106,7 @@ pub(in crate::cli) struct Layer {
 
 /// The views of a capture.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Capture {
+pub(super) struct Capture {
     pub views: usize,
     /// Numbers of the views on the sheet.
     pub shown: Vec<usize>,
@@ -116,7 +117,7 @@ pub(in crate::cli) struct Capture {
 
 /// The frames of a sequence.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Sequence {
+pub(super) struct Sequence {
     /// Number of frames that there are.
     pub count: usize,
     /// Numbers of the frames on the sheet.
@@ -130,7 +131,14 @@ pub(in crate::cli) struct Sequence {
     pub density_scale: Option<f64>,
 }
 
-impl fmt::Display for Report {
+impl ViewReport {
+    /// True if all files were shown, with all frames of sequences.
+    pub fn complete(&self) -> bool {
+        self.failed.is_empty() && self.sheets.iter().all(|shown| shown.content.failed().is_empty())
+    }
+}
+
+impl fmt::Display for ViewReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.sheets.iter().try_for_each(|shown| {
             let place = shown.output.as_ref().unwrap_or(&shown.input);

@@ -1,76 +1,83 @@
-//! The report of `cumulo gradient`.
+//! The report of derivatives.
 
 use crate::app::checks::Warning;
 use crate::app::provenance::Provenance;
 use crate::app::run::write_warnings;
 use crate::app::up::ChosenUp;
 use crate::differentiate::study::parameter::Parameter;
+use crate::wording::worded;
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
 
 /// A parameter with its derivative.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Row {
-    pub name: String,
+pub(super) struct Row {
+    pub(super) name: String,
     #[serde(skip)]
-    pub parameter: Parameter,
+    pub(super) parameter: Parameter,
     /// Kind of the parameter: errors are relative to at least 1e-6 of the largest derivative of the same kind.
     #[serde(skip)]
-    pub group: &'static str,
-    pub value: f64,
-    pub gradient: f64,
+    pub(super) group: &'static str,
+    pub(super) value: f64,
+    pub(super) gradient: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub difference: Option<f64>,
+    pub(super) difference: Option<f64>,
     /// Error of the difference quotient that rounding of the loss alone may have made.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub rounding: Option<f64>,
+    pub(super) rounding: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub relative_error: Option<f64>,
+    pub(super) relative_error: Option<f64>,
 }
 
+/// Report of derivatives, and of their check.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Report {
+pub struct GradientReport {
     #[serde(serialize_with = "crate::app::paths::text")]
-    pub input: PathBuf,
-    pub loss: String,
-    pub value: f64,
+    pub(super) input: PathBuf,
+    pub(super) loss: String,
+    pub(super) value: f64,
     /// Number of parameters; of the voxels, only the largest derivatives are listed.
-    pub parameters: usize,
-    pub mode: &'static str,
-    pub adjoint: Option<&'static str>,
-    pub reason: String,
-    pub precision: &'static str,
-    pub quadrature: String,
-    pub views: usize,
+    pub(super) parameters: usize,
+    pub(super) mode: &'static str,
+    pub(super) adjoint: Option<&'static str>,
+    pub(super) reason: String,
+    pub(super) precision: &'static str,
+    pub(super) quadrature: String,
+    pub(super) views: usize,
     /// Up axis about which cameras were placed; none where the target states them.
-    pub up: Option<ChosenUp>,
-    pub rows: Vec<Row>,
-    /// Number of listed parameters that have a difference quotient; none without `--check`.
+    pub(super) up: Option<ChosenUp>,
+    pub(super) rows: Vec<Row>,
+    /// Number of listed parameters that have a difference quotient; none if they are not checked.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub checked: Option<usize>,
-    pub worst_relative_error: Option<f64>,
+    pub(super) checked: Option<usize>,
+    pub(super) worst_relative_error: Option<f64>,
     /// Contradictions between the pictures and the model.
-    pub warnings: Vec<Warning>,
-    pub tolerance: Option<f64>,
+    pub(super) warnings: Vec<Warning>,
+    pub(super) tolerance: Option<f64>,
     #[serde(serialize_with = "crate::app::paths::text")]
-    pub output: Option<PathBuf>,
-    /// Path of the page, if `--report` requests one.
+    pub(super) output: Option<PathBuf>,
+    /// Path of the page; none if none was written.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[serde(serialize_with = "crate::app::paths::text")]
-    pub report: Option<PathBuf>,
-    pub seconds: f64,
-    pub provenance: Option<Provenance>,
+    pub(super) report: Option<PathBuf>,
+    pub(super) seconds: f64,
+    pub(super) provenance: Option<Provenance>,
 }
 
-impl Report {
+impl GradientReport {
+    /// True if no derivative that was checked is off by more than is allowed.
+    pub fn agrees(&self) -> bool {
+        self.worst_relative_error.zip(self.tolerance).is_none_or(|(worst, tolerance)| worst <= tolerance)
+    }
+
     /// Returns the AD mode, with the kind of adjoint in reverse mode.
-    pub fn ad_mode(&self) -> String {
+    pub(super) fn ad_mode(&self) -> String {
         self.adjoint.map_or_else(|| self.mode.to_owned(), |a| format!("{} ({a})", self.mode))
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for GradientReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { loss, value, views, quadrature, precision, .. } = self;
         writeln!(f, "{}: {loss} {value:.9e}, {views} views, {quadrature}, {precision}", self.input.display())?;
@@ -99,9 +106,13 @@ impl fmt::Display for Report {
         }
         write_warnings(f, &self.warnings)?;
         if let (Some(worst), Some(tolerance)) = (self.worst_relative_error, self.tolerance) {
-            let verdict = if worst <= tolerance { "agree" } else { "do not agree" };
+            let verdict = if self.agrees() { "agree" } else { "do not agree" };
             if let Some(checked) = self.checked {
-                let all = if checked < self.rows.len() { "; --all checks all that are listed" } else { "" };
+                let all = if checked < self.rows.len() {
+                    worded("; ⟨all⟩ checks all that are listed")
+                } else {
+                    "".into()
+                };
                 writeln!(f, "{checked} of {} parameters checked{all}", self.parameters)?;
             }
             writeln!(f, "derivatives and differences {verdict}: off by {worst:.1e} at most, {tolerance:e} allowed")?;

@@ -15,14 +15,16 @@ use crate::scene::film::Film;
 use crate::scene::lens::Lens;
 use crate::scene::undistort::Distorted;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Use of the pixels under a mask.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(super) enum Masked {
-    /// They are used as if there were no mask
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Masked {
+    /// They are used as if there were no mask.
     Used,
-    /// They become the background of the capture, as if nothing were before it
+    /// They become the background of the capture, as if nothing were before it.
     Background,
 }
 
@@ -152,7 +154,7 @@ impl<'v> View<'v> {
             if optics.mask.is_some() && choices.masked.is_none() {
                 return Err(Error::invalid("the capture has masks ('mask_path')")
                     .part(format!("frame {number}"))
-                    .hint("say what becomes of the pixels under them: --masked background or --masked used"));
+                    .hint("say what becomes of the pixels under them: ⟨masked=background⟩ or ⟨masked=used⟩"));
             }
             Ok(Self { frame, optics, header, number })
         };

@@ -3,10 +3,10 @@
 use super::shown::{Content, Volume};
 use super::slices::{self, Orientation, Slice};
 use super::subject::Subject;
-use super::{View, camera, name_of};
+use super::{ViewSettings, camera, name_of};
+use crate::app::Context;
 use crate::app::statistics::statistics_of;
 use crate::error::{Error, Result};
-use crate::formats::limits::Limits;
 use crate::formats::png::ToneMapping;
 use crate::formats::vdb::{File, GridInfo, NativeGrid, Transform};
 use crate::report::sheet::{Canvas, Histogram, Range, Sheet, Tile, grey, with_axes};
@@ -23,8 +23,8 @@ const OUTSIDE: f64 = 0.002;
 ///
 /// # Errors
 /// If the file cannot be read, or the grid has no values to show.
-pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, Content)> {
-    let file = File::open(path, limits)?;
+pub(super) fn sheet(view: &ViewSettings, path: &Path, context: &Context) -> Result<(Sheet, Content)> {
+    let file = File::open(path, view.limits)?;
     let native = file.read(&name(view, &file)?)?;
     let located = |e: Error| e.at(path);
     let info = native.info().map_err(located)?;
@@ -32,7 +32,7 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
         return Err(Error::unsupported(format!("the grid holds {}, which have no values to show", info.value_type))
             .at(path)
             .part(format!("grid '{}'", info.name))
-            .hint("choose another grid with --grid; cumulo info lists them"));
+            .hint("choose another grid with ⟨grid⟩; cumulo info lists them"));
     }
     let side = view.side(SIDE, 5).map_err(located)?;
     let statistics = statistics_of(&native).map_err(located)?;
@@ -46,7 +46,7 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
     let slices = slices::central(&native, &info, voxel.unwrap_or([1.0; 3]), orientation, side).map_err(located)?;
     let range = range_of(&info, &slices);
     let Drawn { tile: picture, density_scale, meaning } =
-        picture(view, &native, &info, (side, up), limits).map_err(located)?;
+        picture(view, &native, &info, (side, up), context).map_err(located)?;
     let ends = [statistics.min, statistics.max].map(|v| v.map_or(0.0, f64::from));
     let histogram = Histogram { counts: statistics.histogram.clone(), range: ends };
     let edges = histogram.edges();
@@ -89,7 +89,7 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
 }
 
 /// Name of the grid to show.
-pub(super) fn name(view: &View, file: &File) -> Result<String> {
+pub(super) fn name(view: &ViewSettings, file: &File) -> Result<String> {
     if let Some(name) = &view.grid {
         return file.find(name).map(|entry| entry.name.clone());
     }
@@ -136,21 +136,21 @@ struct Drawn {
 
 /// Draws the picture; where none can be made, a tile says why, since slices can still be shown.
 fn picture(
-    view: &View,
+    view: &ViewSettings,
     native: &NativeGrid,
     info: &GridInfo,
     (side, up): (usize, Up),
-    limits: Limits,
+    context: &Context,
 ) -> Result<Drawn> {
-    let by_option = view.transfer.tf.is_some();
+    let by_setting = view.transfer.tf.is_some();
     let blank = |words: &str, meaning| {
         let picture = Canvas::new(side / 2, side / 2, [232, 232, 230]);
         let tile = Tile { title: "no picture".into(), picture, caption: vec![words.to_owned()] };
         Ok(Drawn { tile, density_scale: None, meaning })
     };
-    let subject = match Subject::of(view, native, info, limits) {
+    let subject = match Subject::of(view, native, info) {
         Ok(subject) => subject,
-        Err(e) if by_option => return Err(e),
+        Err(e) if by_setting => return Err(e),
         Err(e) => return blank(&e.what(), "nothing"),
     };
     let (meaning, title) = (subject.meaning, subject.light());
@@ -160,7 +160,7 @@ fn picture(
     }
     let camera = subject.framed(&camera::around(&outline, side, up), side);
     let Some(scale) = subject.scale(view, &camera) else { return blank("nothing absorbs light", meaning) };
-    let film = subject.picture(&camera, scale)?;
+    let film = subject.picture(&camera, scale, &context.cancel())?;
     let exposure = view.exposure.unwrap_or(0.0);
     let rgb = ToneMapping { exposure }.rgb8(&film);
     let tile = Tile {

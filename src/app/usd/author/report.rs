@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 /// Report on a stage that was written.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(in crate::cli) struct Report {
+pub struct AuthorReport {
     #[serde(serialize_with = "crate::app::paths::text")]
     output: PathBuf,
     /// Up axis of the stage.
@@ -22,7 +22,7 @@ pub(in crate::cli) struct Report {
     volumes: Vec<Written>,
     cameras: usize,
     lights: usize,
-    pub warnings: Vec<Warning>,
+    pub(super) warnings: Vec<Warning>,
     provenance: Provenance,
 }
 
@@ -37,7 +37,7 @@ struct Written {
     bounds: Option<[[f64; 3]; 2]>,
 }
 
-impl Report {
+impl AuthorReport {
     /// Describes a stage that was written to `output`.
     pub(super) fn of(stage: &StageText, output: PathBuf, up: ChosenUp, provenance: Provenance) -> Self {
         let mut warnings: Vec<Warning> = stage.volumes.iter().flat_map(volumes::remarks).collect();
@@ -82,7 +82,7 @@ impl Report {
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for AuthorReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,

@@ -1,18 +1,17 @@
-//! The scene and the loss that `cumulo gradient` differentiates, from the options and the target.
+//! The scene and the loss that is differentiated, from the settings and the target.
 
-use super::{GradientCommand, Wrt};
+use super::{GradientSettings, Wrt};
+use crate::app::Context;
 use crate::app::checks::pictures::PictureFacts;
 use crate::app::checks::{self, Emission, Warning};
 use crate::app::up::ChosenUp;
 use crate::app::{photos, run, volume};
-use crate::cli::output::Output;
 use crate::differentiate::loss::Rgba;
 use crate::differentiate::study::Study;
 use crate::differentiate::study::setting::{Setting, Units};
 use crate::differentiate::study::subject::{Subject, depth_channel, largest};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::captures;
-use crate::formats::limits::Limits;
 use crate::inverse::observation::photo::Photo;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
@@ -34,23 +33,24 @@ pub(super) struct Setup {
     pub up: Option<ChosenUp>,
 }
 
-impl GradientCommand {
-    /// Reads the volume, and takes what goes with it from the options and, where they are silent, from the target.
-    pub(super) fn scene(&self, limits: Limits) -> Result<(Grids, Setup)> {
+impl GradientSettings {
+    /// Reads the volume, and takes what goes with it from the settings and, where they are silent, from the target.
+    pub(super) fn scene(&self) -> Result<(Grids, Setup)> {
         let target = self.target.as_deref().map(captures::load).transpose()?;
         let emits = self.transfer.tf.is_some() || self.emission.is_some();
         let model = self.model.or(emits.then_some(Model::EmissionAbsorption)).or(target.as_ref().map(|c| c.model));
         let (scene, transfer) = match model {
-            Some(Model::PreShaded) => (self.pre_shaded(target.as_ref(), limits)?, None),
-            model => self.density(model, target.as_ref(), limits)?,
+            Some(Model::PreShaded) => (self.pre_shaded(target.as_ref())?, None),
+            model => self.density(model, target.as_ref())?,
         };
         let outline = scene.density_or_extinction().outline();
         if outline.is_empty() && target.is_none() {
             return Err(Error::invalid("the grid is empty: there is nothing to place cameras around")
+                .coded(Code::EmptyGrid)
                 .at(&self.input)
-                .hint("choose another grid with --grid"));
+                .hint("choose another grid with ⟨grid⟩"));
         }
-        let up = target.is_none().then(|| self.up.of(&self.input, limits)).transpose()?;
+        let up = target.is_none().then(|| self.up.of(&self.input, self.limits)).transpose()?;
         let cameras = match (&target, &up) {
             (Some(capture), _) => capture.frames.iter().map(|f| f.camera).collect(),
             (None, up) => {
@@ -61,23 +61,23 @@ impl GradientCommand {
         Ok((scene, Setup { target, model, transfer, cameras, up }))
     }
 
-    fn pre_shaded(&self, target: Option<&Capture>, limits: Limits) -> Result<Grids> {
+    fn pre_shaded(&self, target: Option<&Capture>) -> Result<Grids> {
         let unsuited = [
-            (self.wrt.contains(&Wrt::Tf), "--wrt tf: a pre-shaded volume has no transfer function"),
+            (self.wrt.contains(&Wrt::Tf), "⟨wrt=tf⟩: a pre-shaded volume has no transfer function"),
             (
                 self.wrt.contains(&Wrt::Extinction),
-                "--wrt extinction: the extinctions of a pre-shaded volume are its voxels",
+                "⟨wrt=extinction⟩: the extinctions of a pre-shaded volume are its voxels",
             ),
-            (self.emission.is_some(), "--emission: the emissions of a pre-shaded volume are its voxels"),
-            (self.quadrature != Quadrature::Exact, "--quadrature: pre-shaded volumes have one of their own"),
+            (self.emission.is_some(), "⟨emission⟩: the emissions of a pre-shaded volume are its voxels"),
+            (self.quadrature != Quadrature::Exact, "⟨quadrature⟩: pre-shaded volumes have one of their own"),
         ];
         if let Some((_, what)) = unsuited.into_iter().find(|(given, _)| *given) {
             return Err(Error::invalid(what).at(&self.input).hint(
-                "of a pre-shaded volume there are --wrt density, emission, camera and background; --model says what \
+                "of a pre-shaded volume there are ⟨wrt=density⟩, emission, camera and background; ⟨model⟩ says what \
                  else the volume could be",
             ));
         }
-        let mut scene = volume::read_pre_shaded(&self.input, self.grid.as_deref(), limits)?;
+        let mut scene = volume::read_pre_shaded(&self.input, self.grid.as_deref(), self.limits)?;
         if let Grids::EmissionExtinction(volume) = &mut scene {
             let shown = target.filter(|c| c.model == Model::PreShaded).map(|c| c.density_scale);
             scale(volume, self.density_scale.or(shown).unwrap_or(1.0)).map_err(|e| e.at(&self.input))?;
@@ -85,33 +85,29 @@ impl GradientCommand {
         Ok(scene)
     }
 
-    fn density(
-        &self,
-        model: Option<Model>,
-        target: Option<&Capture>,
-        limits: Limits,
-    ) -> Result<(Grids, Option<Transfer>)> {
+    fn density(&self, model: Option<Model>, target: Option<&Capture>) -> Result<(Grids, Option<Transfer>)> {
         if self.wrt.contains(&Wrt::Emission) {
-            return Err(Error::invalid("--wrt emission: only pre-shaded volumes have emissions of their own")
+            return Err(Error::invalid("⟨wrt=emission⟩: only pre-shaded volumes have emissions of their own")
                 .at(&self.input)
-                .hint("add --model pre-shaded, or leave emission out of --wrt"));
+                .hint("add ⟨model=pre-shaded⟩, or leave emission out of ⟨wrt⟩"));
         }
         if self.emission.is_some() && self.model == Some(Model::Absorption) {
             return Err(
-                Error::invalid("--emission: with --model absorption nothing is emitted").hint("leave one of them out")
+                Error::invalid("⟨emission⟩: with ⟨model=absorption⟩ nothing is emitted").hint("leave one of them out")
             );
         }
-        let (grid, loaded) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
+        let (grid, loaded) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, self.limits)?;
         let transfer = self.transfer(loaded, model, target);
         if self.wrt.contains(&Wrt::Tf) && transfer.is_none() {
-            return Err(Error::invalid("--wrt tf: there is no transfer function")
+            return Err(Error::invalid("⟨wrt=tf⟩: there is no transfer function")
                 .at(&self.input)
-                .hint("give one with --tf, or leave tf out of --wrt"));
+                .hint("give one with ⟨tf⟩, or leave tf out of ⟨wrt⟩"));
         }
-        let mut field = volume::arrange_by_voxel(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
+        let mut field =
+            volume::arrange_by_voxel(&grid, transfer.as_ref(), self.limits).map_err(|e| e.at(&self.input))?;
         if self.wrt.contains(&Wrt::Tf) {
             // A parameter may make empty space absorb: its derivative is there.
-            field = field.filled(limits.max_memory).map_err(|e| e.at(&self.input))?;
+            field = field.filled(self.limits.max_memory).map_err(|e| e.at(&self.input))?;
         }
         Ok((Grids::Density(field), transfer))
     }
@@ -121,15 +117,14 @@ impl GradientCommand {
         &self,
         field: Bricks<V>,
         setup: Setup,
-        limits: Limits,
-        output: &Output,
+        context: &Context,
     ) -> Result<(Study<V>, Vec<Warning>)> {
         let mut warnings = Vec::new();
         let Setup { target, model, transfer, cameras, .. } = setup;
         let targets = match &target {
             Some(capture) if self.loss().compares() => {
-                let bar = output.steps(capture.frames.len() as u64, "reading pictures");
-                // What the options say otherwise is what is differentiated at.
+                let bar = context.steps(capture.frames.len() as u64, "reading pictures");
+                // What the settings say otherwise is what is differentiated at.
                 let background = self.background.unwrap_or(capture.background);
                 let shown =
                     Capture { background, emission: self.emission.unwrap_or(capture.emission), ..capture.clone() };
@@ -137,11 +132,11 @@ impl GradientCommand {
                     let target: Vec<Rgba> = photo.film.rgba.iter().map(|p| p.map(f64::from)).collect();
                     (PictureFacts::new(&photo, &shown, Emission::Stated), target)
                 };
-                let read = photos::each(capture, None, limits, photos::WHOLE, &|| bar.inc(1), take)?;
+                let read = photos::each(capture, None, self.limits, photos::WHOLE, &|| bar.inc(1), take)?;
                 drop(bar);
                 let (facts, targets): (Vec<PictureFacts>, Vec<Vec<Rgba>>) = read.into_iter().unzip();
                 warnings = checks::warnings(checks::pictures::pictures(&facts, &shown, Emission::Stated));
-                output.warn(&warnings);
+                context.warn(&warnings);
                 targets
             }
             _ => Vec::new(),
@@ -159,12 +154,12 @@ impl GradientCommand {
             targets,
             rays_per_edge: run::rays_per_edge(target.as_ref().map_or(PixelFilter::Point, |c| c.pixel_filter)),
         };
-        self.fits(&study, limits)?;
+        self.fits(&study)?;
         Ok((study, warnings))
     }
 
-    /// Chooses the transfer function: `loaded` if it is that of `--tf`, else the target's, else the one that the grid
-    /// carries, which is `loaded` then; none where `--emission` or the model has another source.
+    /// Chooses the transfer function: `loaded` if it is that of the settings, else the target's, else the one that the
+    /// grid carries, which is `loaded` then; none where the emission or the model has another source.
     fn transfer(&self, loaded: Option<Transfer>, model: Option<Model>, target: Option<&Capture>) -> Option<Transfer> {
         let shown = target.filter(|c| c.model == Model::EmissionAbsorption);
         match model {
@@ -206,20 +201,20 @@ impl GradientCommand {
     }
 
     /// Refuses pictures and voxels that do not fit in memory with their derivatives.
-    fn fits<V: Subject>(&self, study: &Study<V>, limits: Limits) -> Result<()> {
+    fn fits<V: Subject>(&self, study: &Study<V>) -> Result<()> {
         let largest = study.setting.cameras.iter().map(|c| u64::from(c.width) * u64::from(c.height)).max();
         let copies = if self.channels::<V>().is_empty() { 1 } else { 8 };
         let size = if self.check { size_of::<V::Double>() } else { size_of::<V>() };
         // A picture with seven derivatives and the loss's, the voxels and a gradient for each accumulator.
         let bytes = largest.unwrap_or(0) * 384 + (study.field.values.len() * copies * size) as u64;
-        if bytes > limits.max_memory {
+        if bytes > self.limits.max_memory {
             return Err(Error::unsupported(format!(
                 "needs {} MiB in memory, {} MiB are allowed",
                 bytes >> 20,
-                limits.max_memory >> 20
+                self.limits.max_memory >> 20
             ))
             .at(&self.input)
-            .hint("raise --max-memory, choose a smaller --size, or reduce the grid with `cumulo convert --resample`"));
+            .hint("raise ⟨max_memory⟩, choose a smaller ⟨size⟩, or reduce the grid with ⟨convert.resample⟩"));
         }
         Ok(())
     }

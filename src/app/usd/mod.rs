@@ -1,0 +1,4 @@
+//! USD stages, written and checked.
+
+pub mod author;
+pub mod lint;

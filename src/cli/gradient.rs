@@ -1,0 +1,162 @@
+//! `cumulo gradient`: derivatives of a loss on pictures, parameter by parameter, for checking and teaching.
+
+use super::args::read_as;
+use super::memory::Memory;
+use super::output::Output;
+use super::parse;
+use crate::app::gradient::{GradientSettings, LossName, Wrt};
+use crate::app::transfer::TransferSettings;
+use crate::app::up::UpChoice;
+use crate::differentiate::loss::prior::{Prior, Weighted};
+use crate::differentiate::study::ad_mode::Mode;
+use crate::error::Result;
+use crate::render::differentiable::Adjoint;
+use crate::render::quadrature::{Quadrature, rules};
+use crate::scene::capture::{EmissionModel, Model};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Differentiate a loss on pictures of a volume, and check the derivatives
+///
+/// Pictures are those of --views cameras on a sphere, or are compared with a --target capture. --check sets a
+/// difference quotient in double precision beside each derivative: exit code 1 if any is off by more than --tolerance.
+/// Where rounding leaves a quotient fewer than four digits, the error is relative to what would have them.
+#[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("from").required(true).args(["target", "views"]))]
+struct GradientArgs {
+    /// VDB to differentiate at
+    input: PathBuf,
+    /// Parameters to differentiate by, one kind or more
+    #[arg(long, value_enum, value_delimiter = ',', required = true, value_name = "WHAT,...")]
+    wrt: Vec<Wrt>,
+    /// Loss, a mean over pixels and views
+    #[arg(long, value_enum)]
+    loss: LossName,
+    /// Difference from which on huber grows no faster
+    #[arg(long, value_name = "D", default_value_t = 0.1, value_parser = parse::positive)]
+    huber_delta: f64,
+    /// Transmittance below which log-transmittance asks for nothing
+    #[arg(long, value_name = "T", default_value_t = 1e-4, value_parser = parse::positive)]
+    transmittance_floor: f64,
+    /// Added to the loss: smooth=W and tv=W (total variation) of the volume, tf=W and tf-rgb=W (smoothness) of the
+    /// transfer function; W is the weight, in units of the largest density or extinction
+    #[arg(long, value_name = "NAME=W")]
+    prior: Vec<Weighted<Prior>>,
+    /// transforms.json of the pictures to compare with, or its folder; cameras and light model are taken from it
+    #[arg(long, value_name = "CAPTURE")]
+    target: Option<PathBuf>,
+    /// Place this many cameras around the volume
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    views: Option<u32>,
+    /// Axis that points upwards, about which --views are placed
+    #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto, conflicts_with = "target")]
+    up: UpChoice,
+    /// Model of the pictures (default: that of --target, emission-absorption with a transfer function or --emission,
+    /// else absorption)
+    #[arg(long, value_enum, conflicts_with = "tf")]
+    model: Option<Model>,
+    /// Size of the pictures of --views in pixels
+    #[arg(long, value_name = "WxH", default_value = "64x64", value_parser = parse::size, conflicts_with = "target")]
+    size: [u32; 2],
+    /// Extinction per world unit at a density of 1 (default: that of --target, else 1)
+    #[arg(long, value_name = "S", value_parser = parse::positive)]
+    density_scale: Option<f64>,
+    /// Radiance behind the volume, r,g,b (default: that of --target, else white for absorption, black for
+    /// emission-absorption)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color)]
+    background: Option<[f32; 3]>,
+    /// Radiance of the source, r,g,b (default: that of --target, else none)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color, conflicts_with = "tf")]
+    emission: Option<[f32; 3]>,
+    /// How that radiance follows the density (default: that of --target, else grey: not at all)
+    #[arg(long, value_enum, conflicts_with = "tf", requires = "emission")]
+    emission_model: Option<EmissionModel>,
+    #[command(flatten)]
+    transfer: TransferSettings,
+    #[arg(
+        long,
+        value_name = "Q",
+        default_value = "exact",
+        help = concat!(
+            "Integration along rays: ",
+            rules!(),
+            "; pre-shaded volumes have one of their own",
+        )
+    )]
+    quadrature: Quadrature,
+    /// Forward or backward; auto goes by the number of parameters and the loss
+    #[arg(long, value_enum, default_value_t = Mode::Auto)]
+    mode: Mode,
+    /// How the backward pass gets at its samples (default: tape, or replay for losses of whole pictures)
+    #[arg(long, value_enum)]
+    adjoint: Option<Adjoint>,
+    /// Set a difference quotient beside each derivative, both in double precision
+    #[arg(long)]
+    check: bool,
+    /// Largest relative error that --check lets pass
+    #[arg(long, value_name = "T", default_value_t = 1e-4, value_parser = parse::not_negative, requires = "check")]
+    tolerance: f64,
+    /// Let --check check every parameter that is listed, not only a sample of 24 of each kind
+    #[arg(long, requires = "check")]
+    all: bool,
+    /// How many voxels to list, those of the largest derivatives
+    #[arg(long, value_name = "K", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    largest: u32,
+    /// Write the derivatives by voxel as a VDB (with --wrt density or emission)
+    #[arg(long, short, value_name = "OUT.vdb")]
+    output: Option<PathBuf>,
+    /// Make a page of pictures, slices and all that is listed, in this folder
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    /// Grid to differentiate at (default: density, else the only scalar one)
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+impl From<GradientArgs> for GradientSettings {
+    fn from(args: GradientArgs) -> Self {
+        Self {
+            input: args.input,
+            wrt: args.wrt,
+            loss: args.loss,
+            huber_delta: args.huber_delta,
+            transmittance_floor: args.transmittance_floor,
+            prior: args.prior,
+            target: args.target,
+            views: args.views,
+            up: args.up,
+            model: args.model,
+            size: args.size,
+            density_scale: args.density_scale,
+            background: args.background,
+            emission: args.emission,
+            emission_model: args.emission_model,
+            transfer: args.transfer,
+            quadrature: args.quadrature,
+            mode: args.mode,
+            adjoint: args.adjoint,
+            check: args.check,
+            tolerance: args.tolerance,
+            all: args.all,
+            largest: args.largest,
+            output: args.output,
+            report: args.report,
+            grid: args.grid,
+            limits: args.memory.limits(),
+        }
+    }
+}
+
+read_as!(GradientSettings, GradientArgs);
+
+/// Differentiates and reports. The exit code is 1 if a derivative that was checked is off by more than is allowed.
+///
+/// # Errors
+/// Those of [`GradientSettings::run`].
+pub fn run(settings: &GradientSettings, output: &Output) -> Result<ExitCode> {
+    let report = settings.run(output)?;
+    output.report(&report)?;
+    Ok(if report.agrees() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
