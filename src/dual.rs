@@ -16,19 +16,19 @@ pub struct Dual<N, const P: usize> {
 impl<N: Number, const P: usize> Dual<N, P> {
     /// A dual number whose derivatives are all zero.
     #[inline(always)]
-    pub fn constant(value: N) -> Self {
+    pub(crate) fn constant(value: N) -> Self {
         Self { value, tangent: [N::one() - N::one(); P] }
     }
 
     /// Applies a linear function to the value and to every derivative.
     #[inline(always)]
-    pub fn linear<M>(self, f: impl Fn(N) -> M) -> Dual<M, P> {
+    pub(crate) fn linear<M>(self, f: impl Fn(N) -> M) -> Dual<M, P> {
         Dual { value: f(self.value), tangent: self.tangent.map(f) }
     }
 
     /// Chain rule for a function whose value and derivative at this number are `value` and `slope`.
     #[inline(always)]
-    pub fn function(self, value: N, slope: N) -> Self {
+    pub(crate) fn function(self, value: N, slope: N) -> Self {
         Self { value, tangent: self.tangent.map(|t| slope * t) }
     }
 }
@@ -36,20 +36,20 @@ impl<N: Number, const P: usize> Dual<N, P> {
 impl<R: Real, const P: usize> Dual<R, P> {
     /// The exponential `e^x`.
     #[inline(always)]
-    pub fn exp(self) -> Self {
+    pub(crate) fn exp(self) -> Self {
         let value = self.value.exp();
         self.function(value, value)
     }
 
     /// The function `e^x - 1`, without cancellation near zero.
     #[inline(always)]
-    pub fn exp_m1(self) -> Self {
+    pub(crate) fn exp_m1(self) -> Self {
         self.function(self.value.exp_m1(), self.value.exp())
     }
 
     /// Converts the value and the derivatives to double precision.
     #[inline(always)]
-    pub fn f64(self) -> Dual<f64, P> {
+    pub(crate) fn f64(self) -> Dual<f64, P> {
         self.linear(Real::f64)
     }
 }

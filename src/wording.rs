@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 
 /// A setting that a text names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Mention<'t> {
+pub(crate) struct Mention<'t> {
     /// Use case whose setting it is, such as `convert`; none for the one that is running.
     pub use_case: Option<&'t str>,
     /// Name of the setting, in snake case.
@@ -20,12 +20,12 @@ pub struct Mention<'t> {
 }
 
 /// Words of a face for a setting; none for what is no setting, whose text stays as it is.
-pub type Face = fn(Mention<'_>) -> Option<String>;
+pub(crate) type Face = fn(Mention<'_>) -> Option<String>;
 
 static FACE: OnceLock<Face> = OnceLock::new();
 
 /// Has settings named by a face's words from now on. The first face of a process stays.
-pub fn speak_as(face: Face) {
+pub(crate) fn speak_as(face: Face) {
     let _ = FACE.set(face);
 }
 
@@ -33,12 +33,12 @@ pub fn speak_as(face: Face) {
 const BRACKETS: [char; 2] = ['⟨', '⟩'];
 
 /// Returns a text with its settings named by the words of this process's face.
-pub fn worded(text: &str) -> Cow<'_, str> {
+pub(crate) fn worded(text: &str) -> Cow<'_, str> {
     worded_by(text, FACE.get().copied().unwrap_or(|_| None))
 }
 
 /// Returns texts with their settings named by the words of this process's face.
-pub fn all_worded(texts: Vec<String>) -> Vec<String> {
+pub(crate) fn all_worded(texts: Vec<String>) -> Vec<String> {
     texts.into_iter().map(|text| worded(&text).into_owned()).collect()
 }
 

@@ -61,29 +61,29 @@ impl Context {
     /// Returns a context whose work stops once `cancel` is set. What only measures or shows the result of stopped work
     /// goes on until `closing` is set.
     #[must_use]
-    pub fn stopped_by(self, cancel: Cancel, closing: Cancel) -> Self {
+    pub(crate) fn stopped_by(self, cancel: Cancel, closing: Cancel) -> Self {
         Self { cancel, closing, ..self }
     }
 
     /// Returns a context whose outputs say that they come from `origin`, such as a command line.
     #[must_use]
-    pub fn of(self, origin: &str) -> Self {
+    pub(crate) fn of(self, origin: &str) -> Self {
         Self { origin: origin.into(), ..self }
     }
 
     /// Returns a context for a step of this work: its stages and details are not shown, its remarks are made.
     #[must_use]
-    pub fn silent(&self) -> Self {
+    pub(crate) fn silent(&self) -> Self {
         Self { silent: true, ..self.clone() }
     }
 
     /// Origin of the outputs, such as a command line.
-    pub fn origin(&self) -> &str {
+    pub(crate) fn origin(&self) -> &str {
         &self.origin
     }
 
     /// Returns the cancellation that the work polls from now on.
-    pub fn cancel(&self) -> Cancel {
+    pub(crate) fn cancel(&self) -> Cancel {
         if !self.shared.stoppable.swap(true, Ordering::SeqCst) {
             self.progress.event(&Event::Stoppable);
         }
@@ -91,34 +91,34 @@ impl Context {
     }
 
     /// Returns the cancellation that passes poll which only measure or show the result.
-    pub fn closing(&self) -> Cancel {
+    pub(crate) fn closing(&self) -> Cancel {
         self.closing.clone()
     }
 
     /// Says that inputs of a long task are read, after which [`Self::work_begins`].
-    pub fn loading(&self) {
+    pub(crate) fn loading(&self) {
         self.progress.event(&Event::Loading);
     }
 
     /// Says that work which is stopped from now on writes what it has.
-    pub fn work_begins(&self) {
+    pub(crate) fn work_begins(&self) {
         self.progress.event(&Event::Working);
     }
 
     /// Makes a remark, unless it was made before.
-    pub fn note(&self, text: impl Display) {
+    pub(crate) fn note(&self, text: impl Display) {
         self.once(&worded(&text.to_string()), |text| self.progress.event(&Event::Remark { text }));
     }
 
     /// Tells a detail of how the work is done, unless it was told before.
-    pub fn detail(&self, text: impl Display) {
+    pub(crate) fn detail(&self, text: impl Display) {
         if !self.silent {
             self.once(&worded(&text.to_string()), |text| self.progress.event(&Event::Detail { text }));
         }
     }
 
     /// Makes warnings, each once; the report holds them, too.
-    pub fn warn(&self, warnings: &[Warning]) {
+    pub(crate) fn warn(&self, warnings: &[Warning]) {
         for warning in warnings {
             let text = format!("{}\n{}", warning.what, warning.remedy);
             self.once(&text, |_| self.progress.event(&Event::Warned { warning }));
@@ -126,14 +126,14 @@ impl Context {
     }
 
     /// Says which frames failed, and why.
-    pub fn failed(&self, failed: &[Failed]) {
+    pub(crate) fn failed(&self, failed: &[Failed]) {
         for Failed { frame, code, error } in failed {
             self.progress.event(&Event::Failed { frame: *frame, code: *code, error });
         }
     }
 
     /// Says why one of several files could not be read.
-    pub fn unread(&self, error: &Error) {
+    pub(crate) fn unread(&self, error: &Error) {
         self.progress.event(&Event::Unread { code: error.code(), error: &error.to_string() });
     }
 
@@ -144,17 +144,17 @@ impl Context {
     }
 
     /// Begins a stage of unknown length, which ends when the returned value is dropped.
-    pub fn stage(&self, name: &'static str) -> Stage {
+    pub(crate) fn stage(&self, name: &'static str) -> Stage {
         Stage::begin(self, name, None, Unit::Steps)
     }
 
     /// Begins a stage of `total` steps.
-    pub fn steps(&self, total: u64, name: &'static str) -> Stage {
+    pub(crate) fn steps(&self, total: u64, name: &'static str) -> Stage {
         Stage::begin(self, name, Some(total), Unit::Steps)
     }
 
     /// Begins a stage of so many pictures, of which the pixels count.
-    pub fn pictures(&self, count: u64, name: &'static str) -> Stage {
+    pub(crate) fn pictures(&self, count: u64, name: &'static str) -> Stage {
         Stage::begin(self, name, Some(count), Unit::Pictures)
     }
 }
@@ -204,22 +204,22 @@ impl Stage {
     }
 
     /// Counts steps that are done.
-    pub fn inc(&self, steps: u64) {
+    pub(crate) fn inc(&self, steps: u64) {
         self.change(|state| state.parts += PARTS * steps);
     }
 
     /// States that `done` of `of` parts are done, of a stage whose steps are not counted.
-    pub fn at(&self, done: usize, of: usize) {
+    pub(crate) fn at(&self, done: usize, of: usize) {
         self.message(format!("({done} of {of})"));
     }
 
     /// States that `done` steps are done of `total`, and how the work stands in words.
-    pub fn set(&self, done: u64, total: u64, message: impl Into<String>) {
+    pub(crate) fn set(&self, done: u64, total: u64, message: impl Into<String>) {
         self.change(|state| *state = State { parts: PARTS * done, total: Some(total), message: message.into() });
     }
 
     /// States that `done` steps are done, of as many as before or more, and how the work stands in words.
-    pub fn reach(&self, done: u64, message: impl Into<String>) {
+    pub(crate) fn reach(&self, done: u64, message: impl Into<String>) {
         self.change(|state| {
             let total = state.total.map(|total| total.max(done));
             *state = State { parts: PARTS * done, total, message: message.into() };
@@ -227,12 +227,12 @@ impl Stage {
     }
 
     /// States how the work stands in words.
-    pub fn message(&self, message: impl Into<String>) {
+    pub(crate) fn message(&self, message: impl Into<String>) {
         self.change(|state| state.message = message.into());
     }
 
     /// Begins a picture, of a stage of pictures.
-    pub fn picture(&self) -> Picture<'_> {
+    pub(crate) fn picture(&self) -> Picture<'_> {
         Picture { stage: self, done: AtomicU64::new(0), shown: AtomicU64::new(0) }
     }
 }
@@ -260,7 +260,7 @@ pub struct Picture<'s> {
 
 impl Picture<'_> {
     /// Counts pixels that are done, of all that the picture has.
-    pub fn add(&self, pixels: u64, all: u64) {
+    pub(crate) fn add(&self, pixels: u64, all: u64) {
         let done = self.done.fetch_add(pixels, Ordering::Relaxed) + pixels;
         self.show(PARTS * done.min(all) / all.max(1));
     }

@@ -93,7 +93,7 @@ pub struct Described {
 
 impl FunctionSettings {
     /// Paths that the function is read from.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         self.input.iter().map(PathBuf::as_path).collect()
     }
 

@@ -6,7 +6,7 @@ use crate::formats::{Format, captures, protected, scene_file, sniff};
 use std::path::{Path, PathBuf};
 
 /// Protects what the paths of a command line lead to. What cannot be read is told of by the command itself.
-pub fn protect<'p>(paths: impl IntoIterator<Item = &'p Path>, limits: Limits) {
+pub(crate) fn protect<'p>(paths: impl IntoIterator<Item = &'p Path>, limits: Limits) {
     paths.into_iter().flat_map(|path| files(path, limits)).for_each(|path| protected::add(&path));
 }
 

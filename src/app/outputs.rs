@@ -56,7 +56,7 @@ const FILES: [&str; 29] = [
 ///
 /// # Errors
 /// If the name has the extension of another kind of file, or the folder cannot be written to ([`atomic::probe`]).
-pub fn file(path: &Path, content: Content) -> Result<()> {
+pub(crate) fn file(path: &Path, content: Content) -> Result<()> {
     refuse_dash(path)?;
     let (ending, what) = content.ending();
     // "smoke.0001" has no ending: that is the number of a frame.
@@ -74,7 +74,7 @@ pub fn file(path: &Path, content: Content) -> Result<()> {
 ///
 /// # Errors
 /// If the name has the extension of a file, or belongs to something that is no folder.
-pub fn folder(path: &Path) -> Result<()> {
+pub(crate) fn folder(path: &Path) -> Result<()> {
     refuse_dash(path)?;
     if path.is_dir() {
         return Ok(());
@@ -96,13 +96,13 @@ pub fn folder(path: &Path) -> Result<()> {
 }
 
 /// Name of a run's record in the folder of its report.
-pub const RECORD: &str = "run.json";
+pub(crate) const RECORD: &str = "run.json";
 
 /// Makes the folder of a report, before the work.
 ///
 /// # Errors
 /// If the name is that of a file, or the folder cannot be made or written to.
-pub fn report_folder(dir: &Path) -> Result<()> {
+pub(crate) fn report_folder(dir: &Path) -> Result<()> {
     folder(dir)?;
     std::fs::create_dir_all(dir)
         .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;
@@ -114,7 +114,7 @@ pub fn report_folder(dir: &Path) -> Result<()> {
 ///
 /// # Errors
 /// If the name has the extension of another kind of file, or the place cannot be written to.
-pub fn pictures(path: &Path) -> Result<Option<Content>> {
+pub(crate) fn pictures(path: &Path) -> Result<Option<Content>> {
     let ends = |content: Content| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(content.ending().0));
     match [Content::Exr, Content::Png].into_iter().find(|content| ends(*content) && !path.is_dir()) {
         Some(content) => file(path, content).map(|()| Some(content)),
@@ -135,7 +135,7 @@ fn refuse_dash(path: &Path) -> Result<()> {
 ///
 /// # Errors
 /// If another capture, or a picture, would be replaced; the error names it.
-pub fn spare_captures(json: &Path, pictures: &[PathBuf], provenance: &Provenance) -> Result<()> {
+pub(crate) fn spare_captures(json: &Path, pictures: &[PathBuf], provenance: &Provenance) -> Result<()> {
     let hint = "give another folder, or ⟨overwrite⟩ to replace it";
     if json.exists() {
         if is_own_capture(json, provenance) {
@@ -156,13 +156,13 @@ pub fn spare_captures(json: &Path, pictures: &[PathBuf], provenance: &Provenance
 }
 
 /// Returns where a capture comes from, if it tells.
-pub fn provenance(json: &Path) -> Option<Provenance> {
+pub(crate) fn provenance(json: &Path) -> Option<Provenance> {
     let mut root = protected::unprotected(json, || transforms::read_object(json, Limits::default())).ok()?;
     serde_json::from_value(root.remove("provenance")?).ok()
 }
 
 /// Returns true if a capture is there that the same settings wrote.
-pub fn is_own_capture(json: &Path, own: &Provenance) -> bool {
+pub(crate) fn is_own_capture(json: &Path, own: &Provenance) -> bool {
     provenance(json).is_some_and(|earlier| own.same_settings(&earlier.settings))
 }
 
@@ -171,7 +171,7 @@ pub fn is_own_capture(json: &Path, own: &Provenance) -> bool {
 ///
 /// # Errors
 /// If a picture is there that other settings wrote, or one that is damaged, unless `overwrite` is set.
-pub fn is_own_picture(path: &Path, attribute: &str, own: &Provenance, overwrite: bool) -> Result<bool> {
+pub(crate) fn is_own_picture(path: &Path, attribute: &str, own: &Provenance, overwrite: bool) -> Result<bool> {
     if !path.exists() {
         return Ok(false);
     }
@@ -196,12 +196,12 @@ pub fn is_own_picture(path: &Path, attribute: &str, own: &Provenance, overwrite:
 
 /// Returns true if what lies here is left of a picture that was cut short: a file of 0 bytes, or an OpenEXR file whose
 /// header cannot be read.
-pub fn is_damaged(path: &Path) -> bool {
+pub(crate) fn is_damaged(path: &Path) -> bool {
     protected::unprotected(path, || exr::is_damaged(path))
 }
 
 /// Returns true if a picture holds all that its header names; of a PNG, if it is not empty.
-pub fn is_whole(path: &Path) -> bool {
+pub(crate) fn is_whole(path: &Path) -> bool {
     protected::unprotected(path, || match is_png(path) {
         true => !exr::is_damaged(path),
         false => exr::is_whole(path),
@@ -213,7 +213,7 @@ fn is_png(path: &Path) -> bool {
 }
 
 /// Returns the attributes of a PNG or EXR that are texts; none if it cannot be read.
-pub fn attributes(path: &Path) -> exr::Attributes {
+pub(crate) fn attributes(path: &Path) -> exr::Attributes {
     protected::unprotected(path, || match is_png(path) {
         true => png::texts(path).unwrap_or_default(),
         false => exr::header(path).map(|header| header.attributes()).unwrap_or_default(),

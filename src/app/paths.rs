@@ -30,7 +30,7 @@ impl Reported for Option<PathBuf> {
 ///
 /// # Errors
 /// Those of the serialiser.
-pub fn text<P: Reported, S: Serializer>(path: &P, serializer: S) -> Result<S::Ok, S::Error> {
+pub(crate) fn text<P: Reported, S: Serializer>(path: &P, serializer: S) -> Result<S::Ok, S::Error> {
     path.text().serialize(serializer)
 }
 
@@ -38,7 +38,7 @@ pub fn text<P: Reported, S: Serializer>(path: &P, serializer: S) -> Result<S::Ok
 ///
 /// # Errors
 /// Those of the serialiser.
-pub fn texts<S: Serializer>(paths: &[PathBuf], serializer: S) -> Result<S::Ok, S::Error> {
+pub(crate) fn texts<S: Serializer>(paths: &[PathBuf], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_seq(paths.iter().map(Reported::text))
 }
 
@@ -110,7 +110,7 @@ fn stated(path: &Path) -> Stated {
 ///
 /// # Errors
 /// Those of the serialiser.
-pub fn serialize<P: Setting, S: Serializer>(path: &P, serializer: S) -> Result<S::Ok, S::Error> {
+pub(crate) fn serialize<P: Setting, S: Serializer>(path: &P, serializer: S) -> Result<S::Ok, S::Error> {
     path.form().serialize(serializer)
 }
 
@@ -118,7 +118,7 @@ pub fn serialize<P: Setting, S: Serializer>(path: &P, serializer: S) -> Result<S
 ///
 /// # Errors
 /// Those of the deserialiser.
-pub fn deserialize<'de, P: Setting, D: Deserializer<'de>>(deserializer: D) -> Result<P, D::Error> {
+pub(crate) fn deserialize<'de, P: Setting, D: Deserializer<'de>>(deserializer: D) -> Result<P, D::Error> {
     P::Form::deserialize(deserializer).map(P::from_form)
 }
 

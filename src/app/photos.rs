@@ -14,9 +14,9 @@ use rayon::prelude::*;
 use std::path::Path;
 
 /// Bytes a pixel that a picture takes with its optical depths and weights and the rays that a solver walks.
-pub const WHOLE: u64 = 48;
+pub(crate) const WHOLE: u64 = 48;
 /// Bytes a pixel that its transmittance and the rays that a solver walks take.
-pub const DEPTHS: u64 = 24;
+pub(crate) const DEPTHS: u64 = 24;
 
 /// Reads the pictures of a capture, on all threads, each only until `take` has made of it what is kept; `tick` is
 /// called once a picture. What is kept has `bytes` a pixel.
@@ -24,7 +24,7 @@ pub const DEPTHS: u64 = 24;
 /// # Errors
 /// If a picture cannot be read, has another size than its camera or holds no colors, or what is kept does not fit in
 /// memory.
-pub fn each<T: Send>(
+pub(crate) fn each<T: Send>(
     capture: &Capture,
     layer: Option<&str>,
     limits: Limits,
@@ -60,7 +60,7 @@ pub fn each<T: Send>(
 ///
 /// # Errors
 /// If it cannot be read, holds no colors, or has integer samples of an unknown color space.
-pub fn picture(path: &Path, layer: Option<&str>, capture: &Capture, limits: Limits) -> Result<Film> {
+pub(crate) fn picture(path: &Path, layer: Option<&str>, capture: &Capture, limits: Limits) -> Result<Film> {
     if picture::kind(path)? == picture::Kind::Exr {
         check_colors(path, layer)?;
     }
@@ -69,7 +69,7 @@ pub fn picture(path: &Path, layer: Option<&str>, capture: &Capture, limits: Limi
 }
 
 /// Returns what a report of pictures says: remarks on the capture's file, and a warning of few levels of brightness.
-pub fn remarks(capture: &Capture) -> Vec<Warning> {
+pub(crate) fn remarks(capture: &Capture) -> Vec<Warning> {
     let remark = |remark: &String| Warning::new(remark, "nothing needs to be done if this is what was meant");
     let mut all: Vec<Warning> = capture.remarks.iter().map(remark).collect();
     let bits = |frame: &Frame| {
@@ -139,7 +139,7 @@ fn check_colors(path: &Path, layer: Option<&str>) -> Result<()> {
 ///
 /// # Errors
 /// If no view would be left.
-pub fn held_out(count: Option<usize>, views: usize, enough: usize) -> Result<Vec<usize>> {
+pub(crate) fn held_out(count: Option<usize>, views: usize, enough: usize) -> Result<Vec<usize>> {
     let count = count.unwrap_or(usize::from(views >= enough));
     if count >= views {
         return Err(Error::invalid(format!("⟨held_out={count}⟩ leaves none of the {views} views"))
@@ -149,6 +149,6 @@ pub fn held_out(count: Option<usize>, views: usize, enough: usize) -> Result<Vec
 }
 
 /// Returns the numbers of the views that a report shows: at most [`MOST_VIEWS`] of `views`, those held out first.
-pub fn shown(views: usize, held_out: &[usize]) -> Vec<usize> {
+pub(crate) fn shown(views: usize, held_out: &[usize]) -> Vec<usize> {
     choose(&(0..views).map(|i| held_out.contains(&i)).collect::<Vec<_>>(), MOST_VIEWS)
 }

@@ -14,7 +14,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Instant, SystemTime};
 
 /// Attribute of a picture that holds the hash of the settings it was made by.
-pub const SETTINGS: &str = "cumulo:settings";
+pub(crate) const SETTINGS: &str = "cumulo:settings";
 
 /// Provenance of an output: program, origin, settings, inputs and wall time.
 #[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
@@ -39,7 +39,7 @@ pub struct Provenance {
 
 impl Provenance {
     /// Begins with the origin that the context states, and starts the clock.
-    pub fn begin(context: &Context) -> Self {
+    pub(crate) fn begin(context: &Context) -> Self {
         Self {
             software: concat!("cumulo ", env!("CARGO_PKG_VERSION")).to_owned(),
             command: context.origin().to_owned(),
@@ -54,7 +54,7 @@ impl Provenance {
     /// States the settings of a use case. Those whose names are in `manner` say how it is done, or which part of it,
     /// and do not count: work of the same settings may replace what it has written before, and go on from it.
     #[must_use]
-    pub fn of(self, use_case: &str, settings: &impl Serialize, manner: &[&str]) -> Self {
+    pub(crate) fn of(self, use_case: &str, settings: &impl Serialize, manner: &[&str]) -> Self {
         let use_case = use_case.to_owned();
         // Of settings that no JSON holds nothing is known to be the same.
         let Ok(mut value) = serde_json::to_value(settings) else { return Self { use_case, ..self } };
@@ -67,7 +67,7 @@ impl Provenance {
     }
 
     /// True if `settings`, the hash that an earlier output states, is that of this work.
-    pub fn same_settings(&self, settings: &str) -> bool {
+    pub(crate) fn same_settings(&self, settings: &str) -> bool {
         !self.settings.is_empty() && self.settings == settings
     }
 
@@ -75,7 +75,7 @@ impl Provenance {
     ///
     /// # Errors
     /// If a file cannot be read.
-    pub fn input<'a>(&mut self, name: &Path, files: impl IntoIterator<Item = &'a Path>) -> Result<()> {
+    pub(crate) fn input<'a>(&mut self, name: &Path, files: impl IntoIterator<Item = &'a Path>) -> Result<()> {
         let mut hash = Sha256::new();
         files.into_iter().try_for_each(|path| add(&mut hash, path))?;
         self.inputs.insert(name.display().to_string(), digits(hash));
@@ -86,7 +86,7 @@ impl Provenance {
     ///
     /// # Errors
     /// If a file cannot be read.
-    pub fn files<'a>(&mut self, files: impl IntoIterator<Item = &'a Path>) -> Result<()> {
+    pub(crate) fn files<'a>(&mut self, files: impl IntoIterator<Item = &'a Path>) -> Result<()> {
         for path in files {
             self.inputs.insert(path.display().to_string(), hash_of(path)?);
         }
@@ -94,13 +94,13 @@ impl Provenance {
     }
 
     /// Returns the seconds since the start, and keeps them as the time of the output.
-    pub fn lap(&mut self) -> f64 {
+    pub(crate) fn lap(&mut self) -> f64 {
         self.seconds = self.start.elapsed().as_secs_f64();
         self.seconds
     }
 
     /// Returns the provenance as attributes of an EXR, without the time.
-    pub fn attributes(&self) -> Attributes {
+    pub(crate) fn attributes(&self) -> Attributes {
         let mut all = Attributes::new();
         all.insert("software".into(), self.software.clone());
         all.insert("cumulo:command".into(), self.command.clone());
@@ -112,7 +112,7 @@ impl Provenance {
     }
 
     /// Returns the provenance as metadata of a VDB.
-    pub fn metadata(&self) -> BTreeMap<String, MetaValue> {
+    pub(crate) fn metadata(&self) -> BTreeMap<String, MetaValue> {
         let mut all = BTreeMap::new();
         all.insert("creator".into(), MetaValue::Text(self.software.clone()));
         all.insert("cumulo_command".into(), MetaValue::Text(self.command.clone()));
@@ -124,7 +124,7 @@ impl Provenance {
     /// Returns the first input of a picture that is no longer what it was made from: one that the picture's
     /// `attribute`, which [`Self::hashes`] wrote, names with another hash, or one of the files that it `needs` and that
     /// the attribute does not name.
-    pub fn changed<'p>(attribute: &str, needs: impl IntoIterator<Item = &'p Path>) -> Option<PathBuf> {
+    pub(crate) fn changed<'p>(attribute: &str, needs: impl IntoIterator<Item = &'p Path>) -> Option<PathBuf> {
         let named: BTreeMap<&Path, &str> = inputs_of(attribute).collect();
         let changed = named.iter().find(|(path, hash)| !hash_of(path).is_ok_and(|now| now == **hash));
         let changed = changed.map(|(path, _)| *path);
@@ -132,12 +132,12 @@ impl Provenance {
     }
 
     /// Returns the inputs with their hashes, as the attribute of a picture states them.
-    pub fn hashes(&self) -> String {
+    pub(crate) fn hashes(&self) -> String {
         self.inputs.iter().map(|(name, hash)| format!("{name} sha256:{hash}")).collect::<Vec<_>>().join(", ")
     }
 
     /// Returns the provenance as rows of a report, label and value, without the time.
-    pub fn rows(&self) -> Vec<(String, String)> {
+    pub(crate) fn rows(&self) -> Vec<(String, String)> {
         let mut all = vec![("Program".to_owned(), self.software.clone()), ("Command".to_owned(), self.command.clone())];
         all.extend(self.inputs.iter().map(|(name, hash)| (format!("Input {name}"), format!("sha256 {hash}"))));
         all

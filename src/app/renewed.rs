@@ -20,7 +20,7 @@ pub enum Earlier {
 impl Earlier {
     /// Judges pictures by their attribute `key`, which names what they were made from. `needs` are files that a picture
     /// of the frame is made from, as far as they are known without it.
-    pub fn of(pictures: &[PathBuf], key: &str, needs: &[PathBuf]) -> Self {
+    pub(crate) fn of(pictures: &[PathBuf], key: &str, needs: &[PathBuf]) -> Self {
         // One that was cut short is made again like one that is missing.
         if pictures.iter().any(|picture| !picture.exists() || !outputs::is_whole(picture)) {
             return Self::None;
@@ -45,7 +45,7 @@ pub struct Renewed {
 }
 
 /// Groups frames by the input that has changed.
-pub fn by_input(frames: impl IntoIterator<Item = (u32, PathBuf)>) -> Vec<Renewed> {
+pub(crate) fn by_input(frames: impl IntoIterator<Item = (u32, PathBuf)>) -> Vec<Renewed> {
     let mut all: Vec<Renewed> = Vec::new();
     for (frame, input) in frames {
         match all.iter_mut().find(|renewed| renewed.input == input) {

@@ -63,7 +63,7 @@ impl fmt::Display for PageReport {
 
 impl PageSettings {
     /// Paths that the page is made from, beside the record.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         self.named_files().collect()
     }
 

@@ -111,7 +111,7 @@ pub struct CameraMotion {
 
 impl RefinedCameras {
     /// Returns the displacement of the pictures in pixels, a root mean square over all cameras.
-    pub fn displaced_pixels(&self) -> f64 {
+    pub(crate) fn displaced_pixels(&self) -> f64 {
         self.mean(|motion| motion.displaced_pixels)
     }
 
@@ -139,7 +139,7 @@ impl fmt::Display for RefinedCameras {
 }
 
 /// Returns the number of rays along each edge of a pixel that its filter is sampled with.
-pub fn rays_per_edge(filter: PixelFilter) -> usize {
+pub(crate) fn rays_per_edge(filter: PixelFilter) -> usize {
     match filter {
         PixelFilter::Point => 1,
         PixelFilter::Box => 2,
@@ -147,12 +147,12 @@ pub fn rays_per_edge(filter: PixelFilter) -> usize {
 }
 
 /// Writes warnings as the text of a report shows them.
-pub fn write_warnings(f: &mut fmt::Formatter<'_>, warnings: &[Warning]) -> fmt::Result {
+pub(crate) fn write_warnings(f: &mut fmt::Formatter<'_>, warnings: &[Warning]) -> fmt::Result {
     warnings.iter().try_for_each(|w| writeln!(f, "  warning: {}\n    {}", w.what, w.remedy))
 }
 
 /// Returns the largest resident memory of this process so far in MB (2²⁰ bytes); none where the system does not tell.
-pub fn peak_memory_mb() -> Option<f64> {
+pub(crate) fn peak_memory_mb() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
     let kib: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
@@ -160,7 +160,7 @@ pub fn peak_memory_mb() -> Option<f64> {
 }
 
 /// Shows the step of a reconstruction as the state of its stage.
-pub fn show(stage: &context::Stage, step: &Step) {
+pub(crate) fn show(stage: &context::Stage, step: &Step) {
     let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
     stage.reach(step.iteration.into(), format!("level {}, loss {:.3e}{psnr}", step.level, step.loss));
 }

@@ -27,7 +27,7 @@ pub struct Sequence {
 
 impl Sequence {
     /// Returns the path of a frame's file.
-    pub fn path(&self, number: u32) -> PathBuf {
+    pub(crate) fn path(&self, number: u32) -> PathBuf {
         self.pattern.path(number)
     }
 
@@ -35,7 +35,7 @@ impl Sequence {
     ///
     /// # Errors
     /// If no frame is there; `work`, such as "read", says what all frames would be used for.
-    pub fn present(&self, work: &str) -> Result<Present> {
+    pub(crate) fn present(&self, work: &str) -> Result<Present> {
         let is_there = |number: &u32| self.path(*number).exists();
         let (numbers, missing): (Vec<u32>, Vec<u32>) = self.numbers.iter().partition(|number| is_there(number));
         match numbers[..] {
@@ -61,7 +61,7 @@ pub struct Present {
 }
 
 /// Extensions of the files that sequences consist of where any kind of file may be looked at.
-pub const ENDINGS: [&str; 6] = ["vdb", "nvdb", "exr", "usd", "usda", "usdc"];
+pub(crate) const ENDINGS: [&str; 6] = ["vdb", "nvdb", "exr", "usd", "usda", "usdc"];
 
 impl FrameSelection {
     /// Returns the sequences that a path names where captures are meant, too: the one of a pattern, or those of a
@@ -69,7 +69,7 @@ impl FrameSelection {
     ///
     /// # Errors
     /// If a pattern matches no file, or a folder holds neither a capture nor a sequence.
-    pub fn sequences(self, path: &Path) -> Result<Vec<Sequence>> {
+    pub(crate) fn sequences(self, path: &Path) -> Result<Vec<Sequence>> {
         if path.is_dir() && captures::file(path).exists() {
             return Ok(Vec::new());
         }
@@ -104,7 +104,7 @@ impl FrameSelection {
     ///
     /// # Errors
     /// If a pattern or a folder matches no file, or a folder holds several sequences.
-    pub fn sequence(self, path: &Path, endings: &[&str]) -> Result<Option<Sequence>> {
+    pub(crate) fn sequence(self, path: &Path, endings: &[&str]) -> Result<Option<Sequence>> {
         let mut all = self.all(path, endings)?;
         if all.len() > 1 {
             let names: Vec<String> = all.iter().map(|s| s.pattern.name().display().to_string()).collect();
@@ -119,7 +119,7 @@ impl FrameSelection {
     ///
     /// # Errors
     /// If only one of them is a sequence, or frames are selected of files.
-    pub fn pair(self, [a, b]: [&Path; 2], endings: &[&str]) -> Result<Option<[Sequence; 2]>> {
+    pub(crate) fn pair(self, [a, b]: [&Path; 2], endings: &[&str]) -> Result<Option<[Sequence; 2]>> {
         match (self.sequence(a, endings)?, self.sequence(b, endings)?) {
             (Some(first), Some(second)) => Ok(Some([first, second])),
             (None, None) => self.refuse(a).map(|()| None),
@@ -133,7 +133,7 @@ impl FrameSelection {
     ///
     /// # Errors
     /// If frames are selected.
-    pub fn refuse(self, path: &Path) -> Result<()> {
+    pub(crate) fn refuse(self, path: &Path) -> Result<()> {
         match self.0 {
             Some(_) => Err(Error::invalid("⟨frames⟩: this names no sequence").at(path).hint(
                 "give a name with the number's place, in quotes, such as 'smoke.####.vdb', or leave ⟨frames⟩ out",
@@ -146,7 +146,7 @@ impl FrameSelection {
 /// Returns the numbers that all sequences have, and those that only some have. A frame that is missing in a sequence,
 /// between its first and its last or among those that were asked for, counts among its numbers: its work fails, and
 /// names it.
-pub fn common(sequences: &[&Sequence]) -> (Vec<u32>, Vec<u32>) {
+pub(crate) fn common(sequences: &[&Sequence]) -> (Vec<u32>, Vec<u32>) {
     let mut union: Vec<u32> = sequences.iter().flat_map(|s| s.numbers.iter().copied()).collect();
     union.sort_unstable();
     union.dedup();
@@ -162,7 +162,7 @@ pub type Results<T> = Vec<(u32, Result<T>)>;
 ///
 /// # Errors
 /// If the work is stopped by the user.
-pub fn each<T: Send>(
+pub(crate) fn each<T: Send>(
     numbers: &[u32],
     what: &'static str,
     limits: Limits,
@@ -191,7 +191,7 @@ pub fn each<T: Send>(
 }
 
 /// Parts the results into those that are there and the frames that failed.
-pub fn parted<T>(results: Results<T>) -> (Vec<(u32, T)>, Vec<Failed>) {
+pub(crate) fn parted<T>(results: Results<T>) -> (Vec<(u32, T)>, Vec<Failed>) {
     let (mut done, mut failed) = (Vec::new(), Vec::new());
     for (number, result) in results {
         match result {

@@ -8,7 +8,7 @@ use crate::scene::statistics::{self, Statistics};
 ///
 /// # Errors
 /// If the grid has no values (points).
-pub fn statistics_of(native: &NativeGrid) -> Result<Statistics> {
+pub(crate) fn statistics_of(native: &NativeGrid) -> Result<Statistics> {
     let magnitude = |v: &[f32]| match v {
         [one] => *one,
         many => many.iter().map(|c| c * c).sum::<f32>().sqrt(),

@@ -29,10 +29,10 @@ pub struct Captured<'c> {
 }
 
 /// What is said of work that was stopped before it had a result.
-pub const NOTHING_FOUND: &str = "stopped by the user before anything was found; nothing is written";
+pub(crate) const NOTHING_FOUND: &str = "stopped by the user before anything was found; nothing is written";
 
 /// Returns the error of work that has no result yet, which says so if the work was stopped.
-pub fn without_result(error: Error) -> Error {
+pub(crate) fn without_result(error: Error) -> Error {
     if error.kind() == Kind::Cancelled { Error::cancelled().saying(NOTHING_FOUND) } else { error }
 }
 
@@ -53,7 +53,7 @@ impl Task {
     ///
     /// # Errors
     /// Those of [`outputs::file`] and [`outputs::report_folder`].
-    pub fn begin(
+    pub(crate) fn begin(
         output: &Path,
         content: Content,
         page: Option<&Path>,
@@ -72,7 +72,7 @@ impl Task {
     ///
     /// # Errors
     /// Those of [`photos::each`], and an error if pictures and capture contradict each other.
-    pub fn pictures<T: Send>(
+    pub(crate) fn pictures<T: Send>(
         &mut self,
         Captured { json, capture, emission, layer }: Captured<'_>,
         bytes: u64,
@@ -94,27 +94,27 @@ impl Task {
     }
 
     /// Marks the beginning of the work: a task that is stopped from here on writes its result so far.
-    pub fn work_begins(&self) {
+    pub(crate) fn work_begins(&self) {
         self.context.work_begins();
     }
 
     /// Returns the cancellation that passes of the work poll.
-    pub fn stop(&self) -> Cancel {
+    pub(crate) fn stop(&self) -> Cancel {
         self.context.cancel()
     }
 
     /// Returns the cancellation that passes poll which only measure or show the result.
-    pub fn closing(&self) -> Cancel {
+    pub(crate) fn closing(&self) -> Cancel {
         self.context.closing()
     }
 
     /// Returns `Break` once the work is to stop.
-    pub fn flow(&self) -> ControlFlow<()> {
+    pub(crate) fn flow(&self) -> ControlFlow<()> {
         if self.stop().requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
     /// Says how to go on with a task that was stopped.
-    pub fn tell_stopped(&self, stopped: bool) {
+    pub(crate) fn tell_stopped(&self, stopped: bool) {
         if stopped {
             self.context.note("stopped; what was there by then is written, and ⟨resume⟩ goes on from it");
         }

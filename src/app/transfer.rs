@@ -27,7 +27,7 @@ pub struct TransferSettings {
 
 impl TransferSettings {
     /// Returns the file of the function; `None` if there is none, or it has a name that no file holds.
-    pub fn file(&self) -> Option<&Path> {
+    pub(crate) fn file(&self) -> Option<&Path> {
         self.tf.as_deref().and_then(transfer::file)
     }
 
@@ -35,13 +35,13 @@ impl TransferSettings {
     ///
     /// # Errors
     /// Those of [`transfer::load`].
-    pub fn load(&self, limits: Limits) -> Result<Option<Transfer>> {
+    pub(crate) fn load(&self, limits: Limits) -> Result<Option<Transfer>> {
         let Some(path) = &self.tf else { return Ok(None) };
         transfer::load(path, &self.options(limits)).map(|loaded| Some(loaded.transfer))
     }
 
     /// Returns the options that the function is read with.
-    pub fn options(&self, limits: Limits) -> Options {
+    pub(crate) fn options(&self, limits: Limits) -> Options {
         Options {
             preset: self.tf_preset.clone(),
             range: self.tf_range,

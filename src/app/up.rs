@@ -38,7 +38,7 @@ pub struct ChosenUp {
 
 impl UpChoice {
     /// Returns the axis that is stated; none for `Auto`.
-    pub fn stated(self) -> Option<Up> {
+    pub(crate) fn stated(self) -> Option<Up> {
         match self {
             Self::Auto => None,
             Self::Y => Some(Up::Y),
@@ -50,7 +50,7 @@ impl UpChoice {
     ///
     /// # Errors
     /// If the input has to be asked and cannot be read.
-    pub fn of(self, input: &Path, limits: Limits) -> Result<ChosenUp> {
+    pub(crate) fn of(self, input: &Path, limits: Limits) -> Result<ChosenUp> {
         if let Some(axis) = self.stated() {
             return Ok(ChosenUp { axis, reason: worded("⟨up⟩ says so").into() });
         }
@@ -91,7 +91,7 @@ fn of_scene(path: &Path, limits: Limits) -> Result<ChosenUp> {
 }
 
 /// Returns the axis that the metadata of a VDB say, else Z.
-pub fn of_file(file: &File) -> ChosenUp {
+pub(crate) fn of_file(file: &File) -> ChosenUp {
     file.up().map_or_else(unstated, |stated| ChosenUp { axis: stated.up, reason: stated.reason.clone() })
 }
 

@@ -15,7 +15,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// If the file cannot be read, or is none of OpenVDB.
-pub fn open(path: &Path, limits: Limits) -> Result<File> {
+pub(crate) fn open(path: &Path, limits: Limits) -> Result<File> {
     match formats::sniff(path)? {
         Format::Unknown => Err(formats::unknown(path)),
         Format::Exr => Err(Error::invalid("this is a picture, and no volume")
@@ -29,7 +29,7 @@ pub fn open(path: &Path, limits: Limits) -> Result<File> {
 ///
 /// # Errors
 /// If the volume or the transfer function cannot be read or used.
-pub fn read(
+pub(crate) fn read(
     path: &Path,
     name: Option<&str>,
     function: &TransferSettings,
@@ -51,7 +51,7 @@ pub fn read(
 ///
 /// # Errors
 /// If the bricks would need more memory than is allowed.
-pub fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
+pub(crate) fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
     let field = Bricks::instanced(grid, limits.max_memory).map_err(|e| signed(e, transfer))?;
     let Some(transfer) = transfer else { return Ok(field) };
     let field = ended(field, grid, transfer, limits)?;
@@ -67,7 +67,7 @@ pub fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Resu
 ///
 /// # Errors
 /// If the bricks would need more memory than is allowed.
-pub fn arrange_by_voxel(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
+pub(crate) fn arrange_by_voxel(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
     let field = Bricks::from_grid(grid, limits.max_memory).map_err(|e| signed(e, transfer))?;
     match transfer {
         Some(transfer) => ended(field, grid, transfer, limits),
@@ -95,6 +95,6 @@ fn ended(mut field: Bricks<f32>, grid: &Grid, transfer: &Transfer, limits: Limit
 ///
 /// # Errors
 /// If it cannot be read or used.
-pub fn read_pre_shaded(path: &Path, name: Option<&str>, limits: Limits) -> Result<Grids> {
+pub(crate) fn read_pre_shaded(path: &Path, name: Option<&str>, limits: Limits) -> Result<Grids> {
     Ok(Grids::EmissionExtinction(shaded::read(&open(path, limits)?, name, limits.max_memory)?))
 }

@@ -30,7 +30,7 @@ static CODE: AtomicU8 = AtomicU8::new(128 + SIGINT as u8);
 ///
 /// # Errors
 /// If the operating system refuses the handlers or their thread.
-pub fn install() -> Result<()> {
+pub(crate) fn install() -> Result<()> {
     let failed = |e| Error::system(e).part("signals").hint("the system may be out of threads or memory; try again");
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(failed)?;
     // A file that grows beyond the limit for files (ulimit -f) is an error of the write then, not the program's end.
@@ -50,7 +50,7 @@ pub fn install() -> Result<()> {
 }
 
 /// Takes note of how work goes on that a signal may stop.
-pub fn take(event: &Event<'_>) {
+pub(crate) fn take(event: &Event<'_>) {
     match event {
         Event::Stoppable => STOPPABLE.store(true, Ordering::SeqCst),
         Event::Loading => {
@@ -63,12 +63,12 @@ pub fn take(event: &Event<'_>) {
 }
 
 /// Returns the cancellation that the first signal requests.
-pub fn requested() -> Cancel {
+pub(crate) fn requested() -> Cancel {
     REQUESTED.clone()
 }
 
 /// Returns the cancellation that is requested a second after the first signal, once the work writes what it has.
-pub fn overdue() -> Cancel {
+pub(crate) fn overdue() -> Cancel {
     OVERDUE.clone()
 }
 
@@ -93,7 +93,7 @@ fn watch() {
 }
 
 /// Prints that nothing was written, and returns the exit code of a program that a signal ended.
-pub fn nothing_found() -> u8 {
+pub(crate) fn nothing_found() -> u8 {
     let error = Error::cancelled().saying(NOTHING_FOUND);
     document::error(&error);
     progress::tell(&error);
@@ -101,11 +101,11 @@ pub fn nothing_found() -> u8 {
 }
 
 /// Returns the exit code of work that a signal stopped: 130 for Ctrl-C, 143 for SIGTERM.
-pub fn code() -> u8 {
+pub(crate) fn code() -> u8 {
     CODE.load(Ordering::SeqCst)
 }
 
 /// Returns the exit code of a finished task, 130 if Ctrl-C stopped it.
-pub fn exit_code(stopped: bool) -> ExitCode {
+pub(crate) fn exit_code(stopped: bool) -> ExitCode {
     if stopped { ExitCode::from(code()) } else { ExitCode::SUCCESS }
 }

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 /// Print the script by which a shell completes commands and options
 #[derive(Debug, clap::Args)]
-pub struct Completions {
+pub(crate) struct Completions {
     /// Shell that will read the script
     #[arg(value_enum)]
     shell: Shell,
@@ -18,7 +18,7 @@ impl Completions {
     ///
     /// # Errors
     /// If standard output cannot be written to.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+    pub(crate) fn run(&self, output: &Output) -> Result<ExitCode> {
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut super::command(), "cumulo", &mut script);
         output.plain(&String::from_utf8_lossy(&script))?;

@@ -121,7 +121,7 @@ read_as!(DenoiseSettings, DenoiseArgs);
 ///
 /// # Errors
 /// Those of [`DenoiseSettings::run`], and one that lists the frames that failed; the others are there then.
-pub fn run(settings: &DenoiseSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &DenoiseSettings, output: &Output) -> Result<ExitCode> {
     let report = settings.run(output)?;
     output.report(&report)?;
     report.check(&settings.input)?;

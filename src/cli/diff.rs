@@ -68,7 +68,7 @@ fn voxels(text: &str) -> Result<Voxels, String> {
 ///
 /// # Errors
 /// Those of [`DiffSettings::run`].
-pub fn run(settings: &DiffSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &DiffSettings, output: &Output) -> Result<ExitCode> {
     let report = settings.run(output)?;
     output.report(&report)?;
     Ok(ExitCode::from(if report.complete() { u8::from(!report.same()) } else { 2 }))

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Version of the layout of all documents. Keys are only added within a version; it rises when one is renamed, removed
 /// or changes its meaning.
-pub const VERSION: u32 = 1;
+pub(crate) const VERSION: u32 = 1;
 
 /// Command whose documents are asked for; not set without `--json`.
 static COMMAND: OnceLock<String> = OnceLock::new();
@@ -21,18 +21,18 @@ static COMMAND: OnceLock<String> = OnceLock::new();
 static REPORTED: AtomicBool = AtomicBool::new(false);
 
 /// Has errors written as JSON on standard output from now on, as those of a command such as `reconstruct density`.
-pub fn begin(command: &str) {
+pub(crate) fn begin(command: &str) {
     let _ = COMMAND.set(command.to_owned());
 }
 
 /// Keeps errors from being written behind the report that is written now, since standard output holds one document.
-pub fn reported() {
+pub(crate) fn reported() {
     REPORTED.store(true, Ordering::SeqCst);
 }
 
 /// A command's report with the keys that all of them share.
 #[derive(Debug, Serialize)]
-pub struct Document<'d, T> {
+pub(crate) struct Document<'d, T> {
     /// [`VERSION`].
     pub version: u32,
     /// Words of the command, such as `reconstruct density`.
@@ -71,12 +71,12 @@ enum Either<T> {
 }
 
 /// Returns the JSON schema of the documents of a command with such a report, that of its failure included.
-pub fn schema<T: JsonSchema>(title: &str) -> Schema {
+pub(crate) fn schema<T: JsonSchema>(title: &str) -> Schema {
     described::<Either<T>>(title)
 }
 
 /// Returns the JSON schema of the documents of commands that failed.
-pub fn schema_of_failures(title: &str) -> Schema {
+pub(crate) fn schema_of_failures(title: &str) -> Schema {
     described::<Failure<'static>>(title)
 }
 
@@ -108,7 +108,7 @@ impl Transform for Nullable {
 
 /// Writes the error that ended the program as JSON on standard output, if `--json` is given and no document is written
 /// yet. The standard library's stream is avoided because another thread may hold its lock.
-pub fn error(error: &Error) {
+pub(crate) fn error(error: &Error) {
     let Some(command) = COMMAND.get().filter(|_| !REPORTED.swap(true, Ordering::SeqCst)) else { return };
     let report = Failure { error: error.facts() };
     if let Ok(json) = serde_json::to_string_pretty(&Document { version: VERSION, command, report: &report }) {

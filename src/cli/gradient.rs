@@ -155,7 +155,7 @@ read_as!(GradientSettings, GradientArgs);
 ///
 /// # Errors
 /// Those of [`GradientSettings::run`].
-pub fn run(settings: &GradientSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &GradientSettings, output: &Output) -> Result<ExitCode> {
     let report = settings.run(output)?;
     output.report(&report)?;
     Ok(if report.agrees() { ExitCode::SUCCESS } else { ExitCode::from(1) })

@@ -37,7 +37,7 @@ read_as!(InfoSettings, InfoArgs);
 ///
 /// # Errors
 /// Those of [`InfoSettings::run`].
-pub fn run(settings: &InfoSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &InfoSettings, output: &Output) -> Result<ExitCode> {
     let report = settings.run(output)?;
     output.report(&report)?;
     Ok(if report.complete() { ExitCode::SUCCESS } else { ExitCode::from(2) })

@@ -16,18 +16,18 @@ fn last_sign() -> MutexGuard<'static, Option<Instant>> {
 }
 
 /// Starts the clock by which the first line is due.
-pub fn begin() {
+pub(crate) fn begin() {
     last_sign().get_or_insert_with(Instant::now);
 }
 
 /// Notes that a line was written: the next sign of life is due ten seconds from now.
-pub fn sign() {
+pub(crate) fn sign() {
     *last_sign() = Some(Instant::now());
 }
 
 /// A log in the place of a terminal: it writes the current line every ten seconds and draws over nothing.
 #[derive(Debug, Default)]
-pub struct Log(Mutex<String>);
+pub(crate) struct Log(Mutex<String>);
 
 impl Log {
     fn line(&self) -> MutexGuard<'_, String> {

@@ -13,7 +13,7 @@ use std::process::ExitCode;
 
 /// Print a manual page, or write those of all commands into a folder
 #[derive(Debug, clap::Args)]
-pub struct ManCommand {
+pub(crate) struct ManCommand {
     /// Words of the command whose page is printed, such as: reconstruct density (default: the program's)
     #[arg(value_name = "COMMAND")]
     words: Vec<String>,
@@ -43,7 +43,7 @@ impl ManCommand {
     ///
     /// # Errors
     /// If there is no such command, or the folder or standard output cannot be written to.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+    pub(crate) fn run(&self, output: &Output) -> Result<ExitCode> {
         let mut command = super::command();
         command.build();
         let mut all = Vec::new();

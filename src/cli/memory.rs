@@ -7,7 +7,7 @@ use crate::text;
 
 /// `--max-memory` of the commands that read volumes.
 #[derive(Debug, Clone, Copy, clap::Args)]
-pub struct Memory {
+pub(crate) struct Memory {
     /// Memory of the whole process, 112M at least, in bytes or with K, M, G, T (default: half of the machine's)
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     max_memory: Option<u64>,
@@ -15,7 +15,7 @@ pub struct Memory {
 
 impl Memory {
     /// Returns an option that gives these limits.
-    pub fn of(limits: Limits) -> Self {
+    pub(crate) fn of(limits: Limits) -> Self {
         Self { max_memory: Some(limits.max_memory) }
     }
 
@@ -23,7 +23,7 @@ impl Memory {
     ///
     /// # Errors
     /// If `--max-memory` is less.
-    pub fn check(self) -> Result<(), Error> {
+    pub(crate) fn check(self) -> Result<(), Error> {
         let least = process::least_memory();
         match self.max_memory {
             Some(most) if most < least => {
@@ -37,7 +37,7 @@ impl Memory {
     }
 
     /// Returns the limits for readers: `--max-memory`, else the default.
-    pub fn limits(self) -> Limits {
+    pub(crate) fn limits(self) -> Limits {
         self.max_memory.map_or_else(Limits::default, |max_memory| Limits { max_memory })
     }
 }

@@ -84,7 +84,7 @@ read_as!(MotionSettings, MotionArgs);
 ///
 /// # Errors
 /// Those of [`MotionSettings::run`].
-pub fn run(settings: &MotionSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &MotionSettings, output: &Output) -> Result<ExitCode> {
     let report = settings.run(output)?;
     output.report(&report)?;
     Ok(if report.complete() { ExitCode::SUCCESS } else { ExitCode::from(2) })

@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 /// Standard output for a subcommand's report, and the context that its work runs in.
 #[derive(Debug, Clone)]
-pub struct Output {
+pub(crate) struct Output {
     json: bool,
     /// Words of the subcommand.
     command: Arc<str>,
@@ -32,7 +32,7 @@ impl Deref for Output {
 
 impl Output {
     /// Creates the output of a command, such as `reconstruct density`, that the global options request.
-    pub fn new(global: &Global, command: &str) -> Self {
+    pub(crate) fn new(global: &Global, command: &str) -> Self {
         let words = std::env::args_os().map(|word| shell_quoted(&word.to_string_lossy()).into_owned());
         let terminal = Terminal::new(global.progress, global.quiet, global.verbose);
         let context = Context::new(terminal).stopped_by(cancel::requested(), cancel::overdue());
@@ -41,7 +41,7 @@ impl Output {
     }
 
     /// True if reports are printed as JSON.
-    pub fn is_json(&self) -> bool {
+    pub(crate) fn is_json(&self) -> bool {
         self.json
     }
 
@@ -49,7 +49,7 @@ impl Output {
     ///
     /// # Errors
     /// If standard output cannot be written. A closed pipe is no error: the reader has seen enough.
-    pub fn report<T: Serialize + Display>(&self, report: &T) -> Result<()> {
+    pub(crate) fn report<T: Serialize + Display>(&self, report: &T) -> Result<()> {
         let failed = |e: serde_json::Error| Error::invalid(e.to_string());
         if !self.json {
             return print(&printable_lines(&report.to_string()));
@@ -63,7 +63,7 @@ impl Output {
     ///
     /// # Errors
     /// If standard output cannot be written.
-    pub fn plain(&self, text: &str) -> Result<()> {
+    pub(crate) fn plain(&self, text: &str) -> Result<()> {
         print(text)
     }
 }

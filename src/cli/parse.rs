@@ -5,27 +5,27 @@ use crate::scene::camera::Window;
 use glam::DVec3;
 
 /// Parses a finite number.
-pub fn number(text: &str) -> Result<f64, String> {
+pub(crate) fn number(text: &str) -> Result<f64, String> {
     text.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| format!("'{text}' is not a finite number"))
 }
 
 /// Parses a finite number above zero.
-pub fn positive(text: &str) -> Result<f64, String> {
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("'{text}' must be above zero")) })
 }
 
 /// Parses a finite number that is not negative.
-pub fn not_negative(text: &str) -> Result<f64, String> {
+pub(crate) fn not_negative(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err(format!("'{text}' must not be negative")) })
 }
 
 /// Parses an exposure in stops, from -60 to 60: beyond, every float is black or white.
-pub fn exposure(text: &str) -> Result<f64, String> {
+pub(crate) fn exposure(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v.abs() <= 60.0 { Ok(v) } else { Err(format!("'{text}' must be from -60 to 60")) })
 }
 
 /// Parses a number from 0 to 1, 1 excluded.
-pub fn share(text: &str) -> Result<f64, String> {
+pub(crate) fn share(text: &str) -> Result<f64, String> {
     not_negative(text).and_then(|v| if v < 1.0 { Ok(v) } else { Err(format!("'{text}' must be below 1")) })
 }
 
@@ -35,7 +35,7 @@ const SMALLEST_ANGLE: f64 = 1e-3;
 const BRIGHTEST: f64 = 1e15;
 
 /// Parses an angle of view in degrees, from 0.001 to 170, 170 excluded.
-pub fn angle(text: &str) -> Result<f64, String> {
+pub(crate) fn angle(text: &str) -> Result<f64, String> {
     let degrees = positive(text)?;
     if degrees < SMALLEST_ANGLE {
         return Err(format!("'{text}' is too small an angle; give {SMALLEST_ANGLE} to 170 degrees"));
@@ -44,7 +44,7 @@ pub fn angle(text: &str) -> Result<f64, String> {
 }
 
 /// Parses two ascending numbers, `low,high`.
-pub fn ascending(text: &str) -> Result<[f64; 2], String> {
+pub(crate) fn ascending(text: &str) -> Result<[f64; 2], String> {
     let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
     match numbers[..] {
         [low, high] if low < high && (high - low).is_finite() => Ok([low, high]),
@@ -54,7 +54,7 @@ pub fn ascending(text: &str) -> Result<[f64; 2], String> {
 }
 
 /// Parses a world-space box, `x0,y0,z0,x1,y1,z1`.
-pub fn corners(text: &str) -> Result<Aabb, String> {
+pub(crate) fn corners(text: &str) -> Result<Aabb, String> {
     let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
     let [x0, y0, z0, x1, y1, z1] = numbers[..] else {
         return Err(format!("{} numbers, six are needed: x0,y0,z0,x1,y1,z1", numbers.len()));
@@ -64,7 +64,7 @@ pub fn corners(text: &str) -> Result<Aabb, String> {
 }
 
 /// Parses a picture's size, `WxH` in pixels, each from 1 to 65536.
-pub fn size(text: &str) -> Result<[u32; 2], String> {
+pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
     let side = |s: &str| s.trim().parse::<u32>().ok().filter(|n| (1..=65_536).contains(n));
     text.split_once('x').and_then(|(w, h)| Some([side(w)?, side(h)?])).ok_or_else(|| {
         format!("'{text}' is no size; give WIDTHxHEIGHT in pixels, each from 1 to 65536, such as 256x256")
@@ -72,7 +72,7 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
 }
 
 /// Parses a part of a picture: `x0,y0,x1,y1`, whose last column and row are no part of it, or `x,y,WIDTHxHEIGHT`.
-pub fn window(text: &str) -> Result<Window, String> {
+pub(crate) fn window(text: &str) -> Result<Window, String> {
     let place = |text: &str| text.trim().parse::<u32>().map_err(|_| format!("'{text}' is no column or row of pixels"));
     match text.split(',').collect::<Vec<_>>()[..] {
         [x, y, extent] => Ok(Window { origin: [place(x)?, place(y)?], size: size(extent)? }),
@@ -91,7 +91,7 @@ pub fn window(text: &str) -> Result<Window, String> {
 }
 
 /// Parses a scene-linear color, `r,g,b` or one number for grey, each from 0 to 1e15.
-pub fn color(text: &str) -> Result<[f32; 3], String> {
+pub(crate) fn color(text: &str) -> Result<[f32; 3], String> {
     let numbers = text.split(',').map(not_negative).collect::<Result<Vec<_>, _>>()?;
     if numbers.iter().any(|v| *v > BRIGHTEST) {
         return Err(format!("'{text}' is brighter than {BRIGHTEST:e}, the most that a radiance may be"));
@@ -105,7 +105,7 @@ pub fn color(text: &str) -> Result<[f32; 3], String> {
 
 /// Parses a vector, `x,y,z`, whose direction can be computed: neither zero nor so small or large that its square is not
 /// held.
-pub fn vector(text: &str) -> Result<DVec3, String> {
+pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
     let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
     let [x, y, z] = numbers[..] else {
         return Err(format!("{} numbers, three are needed: x,y,z", numbers.len()));
@@ -115,7 +115,7 @@ pub fn vector(text: &str) -> Result<DVec3, String> {
 }
 
 /// Parses an albedo, `r,g,b` or one number for grey, each from 0 to 1.
-pub fn albedo(text: &str) -> Result<[f32; 3], String> {
+pub(crate) fn albedo(text: &str) -> Result<[f32; 3], String> {
     let color = color(text)?;
     if color.iter().all(|v| *v <= 1.0) {
         Ok(color)

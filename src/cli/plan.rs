@@ -33,7 +33,7 @@ read_as!(PlanSettings, PlanArgs);
 ///
 /// # Errors
 /// Those of [`PlanSettings::run`].
-pub fn run(settings: &PlanSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &PlanSettings, output: &Output) -> Result<ExitCode> {
     output.report(&settings.run(output)?)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -88,7 +88,7 @@ read_as!(PoseSettings, PoseArgs);
 ///
 /// # Errors
 /// Those of [`PoseSettings::run`].
-pub fn run(settings: &PoseSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &PoseSettings, output: &Output) -> Result<ExitCode> {
     let report = settings.run(output)?;
     output.report(&report)?;
     Ok(cancel::exit_code(report.stopped))

@@ -40,7 +40,7 @@ pub(super) fn tell(error: &Error) {
 
 /// Standard error as the receiver of a use case's progress.
 #[derive(Debug)]
-pub struct Terminal {
+pub(crate) struct Terminal {
     form: Form,
     quiet: bool,
     verbose: bool,
@@ -57,7 +57,7 @@ struct Bar {
 impl Terminal {
     /// Creates progress of a form; if `quiet`, of frames that fail alone, and if `verbose` with details and the time
     /// that each stage took.
-    pub fn new(form: Form, quiet: bool, verbose: bool) -> Self {
+    pub(crate) fn new(form: Form, quiet: bool, verbose: bool) -> Self {
         log::begin();
         JSON.store(form == Form::Json, Ordering::Relaxed);
         Self { form, quiet, verbose, bars: Mutex::default() }

@@ -75,7 +75,7 @@ read_as!(RenderSettings, RenderArgs);
 ///
 /// # Errors
 /// Those of [`RenderSettings::run`].
-pub fn run(settings: &RenderSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &RenderSettings, output: &Output) -> Result<ExitCode> {
     let report = settings.run(output)?;
     output.report(&report)?;
     let complete = !matches!(&report, RenderReport::Frames(frames) if !frames.complete());

@@ -44,7 +44,7 @@ read_as!(PageSettings, PageArgs);
 ///
 /// # Errors
 /// Those of [`PageSettings::run`].
-pub fn run(settings: &PageSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &PageSettings, output: &Output) -> Result<ExitCode> {
     output.report(&settings.run(output)?)?;
     Ok(ExitCode::SUCCESS)
 }

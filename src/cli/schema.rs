@@ -13,7 +13,7 @@ use std::process::ExitCode;
 /// A document holds the report of the command or, if it failed, its error; `error` is the schema of such documents
 /// alone.
 #[derive(Debug, clap::Args)]
-pub struct Schema {
+pub(crate) struct Schema {
     /// Kind of file, or command with dashes between its words
     #[arg(value_enum)]
     kind: Kind,
@@ -77,7 +77,7 @@ impl Schema {
     ///
     /// # Errors
     /// If standard output cannot be written to.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+    pub(crate) fn run(&self, output: &Output) -> Result<ExitCode> {
         let text = serde_json::to_string_pretty(&self.kind.schema()).map_err(|e| Error::invalid(e.to_string()))?;
         output.plain(&text)?;
         Ok(ExitCode::SUCCESS)

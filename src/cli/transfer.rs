@@ -55,7 +55,7 @@ read_as!(FunctionSettings, FunctionArgs);
 ///
 /// # Errors
 /// Those of [`FunctionSettings::run`].
-pub fn run(settings: &FunctionSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &FunctionSettings, output: &Output) -> Result<ExitCode> {
     output.report(&settings.run(output)?)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 /// Read a grid on standard input and drop it
 #[derive(Debug, clap::Args)]
-pub struct TryGrid {
+pub(crate) struct TryGrid {
     pub(super) max_memory: u64,
 }
 

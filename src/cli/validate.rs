@@ -38,7 +38,7 @@ read_as!(ValidateSettings, ValidateArgs);
 ///
 /// # Errors
 /// Those of [`ValidateSettings::run`].
-pub fn run(settings: &ValidateSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &ValidateSettings, output: &Output) -> Result<ExitCode> {
     let report = settings.run(output)?;
     output.report(&report)?;
     Ok(ExitCode::from(if report.complete() { u8::from(!report.valid()) } else { 2 }))

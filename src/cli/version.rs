@@ -6,12 +6,12 @@ use std::sync::OnceLock;
 static TEXT: OnceLock<String> = OnceLock::new();
 
 /// States the commit that the program was built from; without one, or with an empty one, the version stands alone.
-pub fn of_commit(commit: Option<&str>) {
+pub(crate) fn of_commit(commit: Option<&str>) {
     let _ = TEXT.set(with(commit));
 }
 
 /// Returns the version, and the commit behind it.
-pub fn text() -> &'static str {
+pub(crate) fn text() -> &'static str {
     TEXT.get_or_init(|| with(None))
 }
 

@@ -117,7 +117,7 @@ read_as!(ViewpointSettings, ViewpointArgs);
 ///
 /// # Errors
 /// Those of [`ViewpointSettings::run`].
-pub fn run(settings: &ViewpointSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &ViewpointSettings, output: &Output) -> Result<ExitCode> {
     let report = settings.run(output)?;
     output.report(&report)?;
     Ok(cancel::exit_code(report.stopped))

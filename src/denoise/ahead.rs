@@ -25,17 +25,17 @@ pub struct Ahead {
 
 impl Ahead {
     /// Returns the number of columns and rows.
-    pub fn size(&self) -> [usize; 2] {
+    pub(crate) fn size(&self) -> [usize; 2] {
         self.size
     }
 
     /// Returns the number of frames that the histories are taken from.
-    pub fn frames(&self) -> u32 {
+    pub(crate) fn frames(&self) -> u32 {
         self.frames
     }
 
     /// Bytes of the histories of a pixel.
-    pub const PIXEL_BYTES: usize = 2 * PLANES + size_of::<Halved>() / LANES;
+    pub(crate) const PIXEL_BYTES: usize = 2 * PLANES + size_of::<Halved>() / LANES;
 
     /// Writes the means of a row of these histories and those over the frames before. `before` holds lines of `line`
     /// numbers, plane after plane, and so does `to`. The last plane is the sum of the frames.
@@ -43,7 +43,7 @@ impl Ahead {
     /// Each history is weighted by the square root of the other's frames. Weights as the frames would have the least
     /// noise. Weights as the other's frames would have no lag, since a history lags in proportion to its frames.
     #[inline(always)]
-    pub fn join(&self, y: usize, before: &[f32], line: usize, to: &mut [f32]) {
+    pub(crate) fn join(&self, y: usize, before: &[f32], line: usize, to: &mut [f32]) {
         let groups = vectors(self.size[0]);
         let row = &self.data[y * PLANES * groups..][..PLANES * groups];
         let (one, limit) = (Lanes([1.0; LANES]), Lanes([MOST_FRAMES; LANES]));

@@ -8,14 +8,14 @@ use super::lanes::{LANES, Lanes};
 use std::ops::Range;
 
 /// Pixels along the side of a block.
-pub const BLOCK: usize = 4;
+pub(crate) const BLOCK: usize = 4;
 
 /// Sums of a model: the count, the feature z, the products of its channels, the color c, and the products of both:
 /// `1, z₀..z₂, z₀z₀, z₀z₁, z₀z₂, z₁z₁, z₁z₂, z₂z₂, c₀..c₂, z₀c₀..z₂c₂`.
-pub const TERMS: usize = 22;
+pub(crate) const TERMS: usize = 22;
 
 /// Coefficients of a model: three colors for the constant and each channel of the feature.
-pub const COEFFICIENTS: usize = 12;
+pub(crate) const COEFFICIENTS: usize = 12;
 
 /// Places of the diagonal of the information matrix among the sums.
 const DIAGONAL: [usize; 4] = [0, 4, 7, 9];
@@ -28,7 +28,7 @@ const LEAST_PIVOT: f32 = 1e-30;
 
 /// Extent of the grid of blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Grid {
+pub(crate) struct Grid {
     /// Blocks across.
     pub columns: usize,
     /// Blocks from top to bottom.
@@ -37,19 +37,19 @@ pub struct Grid {
 
 impl Grid {
     /// Returns the grid that covers a picture of so many columns and rows of pixels.
-    pub fn over([width, height]: [usize; 2]) -> Self {
+    pub(crate) fn over([width, height]: [usize; 2]) -> Self {
         Self { columns: width.div_ceil(BLOCK), rows: height.div_ceil(BLOCK) }
     }
 
     /// Numbers in a row of a plane: the columns, and zeros up to a whole vector.
-    pub fn stride(&self) -> usize {
+    pub(crate) fn stride(&self) -> usize {
         self.columns.next_multiple_of(LANES)
     }
 }
 
 /// Planes of numbers by block, row by row of blocks: within a row, plane after plane.
 #[derive(Debug, Clone, Default)]
-pub struct Planes {
+pub(crate) struct Planes {
     grid: Grid,
     planes: usize,
     /// The numbers.
@@ -58,30 +58,30 @@ pub struct Planes {
 
 impl Planes {
     /// Creates planes of zeros.
-    pub fn new(grid: Grid, planes: usize) -> Self {
+    pub(crate) fn new(grid: Grid, planes: usize) -> Self {
         Self { grid, planes, data: vec![0.0; grid.rows * planes * grid.stride()] }
     }
 
     /// Blocks that the planes are over.
-    pub fn grid(&self) -> Grid {
+    pub(crate) fn grid(&self) -> Grid {
         self.grid
     }
 
     /// Numbers in a row of blocks, all planes together.
-    pub fn row_len(&self) -> usize {
+    pub(crate) fn row_len(&self) -> usize {
         self.planes * self.grid.stride()
     }
 
     /// Returns a row of blocks of a plane.
     #[inline(always)]
-    pub fn row(&self, row: usize, plane: usize) -> &[f32] {
+    pub(crate) fn row(&self, row: usize, plane: usize) -> &[f32] {
         let stride = self.grid.stride();
         &self.data[row * self.row_len() + plane * stride..][..stride]
     }
 
     /// Returns the sums of a plane over the blocks within `radius` of those of a row, in vectors. `line` is scratch.
     #[inline(always)]
-    pub fn pooled(&self, row: usize, plane: usize, radius: usize, line: &mut Vec<f32>, into: &mut [Lanes]) {
+    pub(crate) fn pooled(&self, row: usize, plane: usize, radius: usize, line: &mut Vec<f32>, into: &mut [Lanes]) {
         let stride = self.grid.stride();
         // Zeros on both sides stand for what lies beyond.
         line.resize(stride + 2 * LANES, 0.0);
@@ -105,7 +105,7 @@ impl Planes {
 
 /// Scratch of [`solve_row`].
 #[derive(Debug, Default)]
-pub struct Pool {
+pub(crate) struct Pool {
     line: Vec<f32>,
     sums: Vec<Lanes>,
 }
@@ -113,7 +113,7 @@ pub struct Pool {
 impl Pool {
     /// Returns the sums of some planes over the blocks within `radius` of those of a row, plane after plane.
     #[inline(always)]
-    pub fn sums(
+    pub(crate) fn sums(
         &mut self,
         planes: &Planes,
         row: usize,
@@ -132,7 +132,7 @@ impl Pool {
 /// coefficients plane after plane, the pooled counts, and the coefficients that the colors determine as shares of the
 /// counts.
 #[inline(always)]
-pub fn solve_row(
+pub(crate) fn solve_row(
     sums: &Planes,
     row: usize,
     radius: usize,
@@ -230,7 +230,7 @@ fn solve(terms: &[Lanes; TERMS], wide: &[Lanes; 4]) -> ([Lanes; COEFFICIENTS], L
 
 /// Rows of planes by block, interpolated to a row of pixels.
 #[derive(Debug, Default)]
-pub struct Interpolated {
+pub(crate) struct Interpolated {
     stride: usize,
     data: Vec<f32>,
 }
@@ -238,7 +238,7 @@ pub struct Interpolated {
 impl Interpolated {
     /// Takes the planes of a row of pixels.
     #[inline(always)]
-    pub fn take(&mut self, grid: Grid, row: usize, planes: &Planes) {
+    pub(crate) fn take(&mut self, grid: Grid, row: usize, planes: &Planes) {
         let place = (row as f32 + 0.5) / BLOCK as f32 - 0.5;
         let place = place.clamp(0.0, (grid.rows - 1) as f32);
         let above = place as usize;
@@ -265,7 +265,7 @@ impl Interpolated {
 
     /// Returns a plane's numbers of eight pixels, `vector` of the row.
     #[inline(always)]
-    pub fn at(&self, plane: usize, vector: usize) -> Lanes {
+    pub(crate) fn at(&self, plane: usize, vector: usize) -> Lanes {
         let blocks = LANES / BLOCK;
         let around = self.data[plane * self.stride + vector * blocks..].first_chunk().copied().unwrap_or([0.0; 4]);
         interpolate(around)

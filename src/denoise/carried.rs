@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 /// Writes the mean motion of the pixels of each block that have one; not a number where none does. Without motion
 /// there are none.
-pub fn mean_motions(frame: &Frame<'_>, grid: Grid, to: &mut Vec<Vec2>) {
+pub(crate) fn mean_motions(frame: &Frame<'_>, grid: Grid, to: &mut Vec<Vec2>) {
     to.clear();
     if let Some(motion) = frame.motion {
         to.resize(grid.rows * grid.columns, Vec2::NAN);
@@ -41,7 +41,13 @@ fn mean_motion(motion: &[Vec2], width: usize, column: usize) -> Vec2 {
 /// Moves the sums of a row of blocks along with the motions of blocks; zeros where they come from outside, or where
 /// there are none.
 #[inline(always)]
-pub fn carry<const N: usize>(motions: &[Vec2], grid: Grid, blocks: &[[f32; N]], row: usize, moved: &mut [[f32; N]]) {
+pub(crate) fn carry<const N: usize>(
+    motions: &[Vec2],
+    grid: Grid,
+    blocks: &[[f32; N]],
+    row: usize,
+    moved: &mut [[f32; N]],
+) {
     let place = row * grid.columns;
     if blocks.is_empty() {
         moved.fill([0.0; N]);
@@ -57,7 +63,7 @@ pub fn carry<const N: usize>(motions: &[Vec2], grid: Grid, blocks: &[[f32; N]], 
 
 /// Writes the sums of a row of blocks plane after plane.
 #[inline(always)]
-pub fn to_planes<const N: usize>(arch: Arch, blocks: &[[f32; N]], planes: &mut [f32], stride: usize) {
+pub(crate) fn to_planes<const N: usize>(arch: Arch, blocks: &[[f32; N]], planes: &mut [f32], stride: usize) {
     for (at, blocks) in blocks.chunks(LANES).enumerate() {
         for vector in 0..N / LANES {
             let mut rows = [[0.0; LANES]; LANES];

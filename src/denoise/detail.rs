@@ -12,7 +12,7 @@ use crate::arch::Arch;
 
 /// Histories of eight pixels by channel.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Histories {
+pub(crate) struct Histories {
     /// Means over few pixels.
     pub near: Features,
     /// Histories of the pixels alone.
@@ -22,7 +22,7 @@ pub struct Histories {
 }
 
 /// Sums of a block: products of residual and band, of band and band, the residual's square, and the count of pixels.
-pub type Sums = [f32; LANES];
+pub(crate) type Sums = [f32; LANES];
 
 /// Sums without the count.
 const TERMS: usize = 6;
@@ -30,7 +30,7 @@ const TERMS: usize = 6;
 const COUNT: usize = TERMS;
 
 /// Coefficients of a block: the share of each band.
-pub const SHARES: usize = 2;
+pub(crate) const SHARES: usize = 2;
 
 /// Explained energy as a multiple of what chance explains on average, below which a band is left out.
 const CHANCE: f32 = 2.0;
@@ -38,7 +38,7 @@ const CHANCE: f32 = 2.0;
 const LEAST: f32 = 1e-30;
 
 /// Rows of pixels whose detail is learned.
-pub struct Lines<'l> {
+pub(crate) struct Lines<'l> {
     /// Colors that the models predict from the features.
     pub predicted: &'l [Features],
     pub histories: &'l [Histories],
@@ -50,7 +50,7 @@ pub struct Lines<'l> {
 /// Returns the bands of detail of a channel of eight pixels: means over few pixels less what is predicted, and pixels
 /// less means; none where there is no history.
 #[inline(always)]
-pub fn bands(predicted: Lanes, histories: &Histories, channel: usize) -> [Lanes; SHARES] {
+pub(crate) fn bands(predicted: Lanes, histories: &Histories, channel: usize) -> [Lanes; SHARES] {
     let Histories { near, own, known } = histories;
     [(near[channel] - predicted) * *known, (own[channel] - near[channel]) * *known]
 }
@@ -58,7 +58,7 @@ pub fn bands(predicted: Lanes, histories: &Histories, channel: usize) -> [Lanes;
 /// Adds the sums of a row of blocks to a share of what they were. `floor` is added to the squares of what is predicted
 /// before errors are taken as shares of them.
 #[inline(always)]
-pub fn add(lines: &Lines<'_>, floor: f32, kept: f32, arch: Arch, blocks: &mut [Sums]) {
+pub(crate) fn add(lines: &Lines<'_>, floor: f32, kept: f32, arch: Arch, blocks: &mut [Sums]) {
     let groups = lines.groups;
     let rows = lines.predicted.len() / groups;
     for (at, blocks) in blocks.chunks_mut(LANES / BLOCK).enumerate() {
@@ -100,7 +100,7 @@ pub fn add(lines: &Lines<'_>, floor: f32, kept: f32, arch: Arch, blocks: &mut [S
 
 /// Writes the shares of a row of blocks from their sums, pooled over the blocks within `radius`.
 #[inline(always)]
-pub fn solve_row(sums: &Planes, row: usize, radius: usize, pool: &mut Pool, shares: &mut [f32]) {
+pub(crate) fn solve_row(sums: &Planes, row: usize, radius: usize, pool: &mut Pool, shares: &mut [f32]) {
     let (vectors, pooled) = pool.sums(sums, row, (0..=COUNT).map(|plane| (plane, radius)));
     let stride = vectors * LANES;
     for vector in 0..vectors {

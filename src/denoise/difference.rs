@@ -8,10 +8,10 @@
 use super::lanes::{LANES, Lanes, each};
 
 /// Differences of eight pixels by channel, and 1 where they are known.
-pub type Difference = [Lanes; 4];
+pub(crate) type Difference = [Lanes; 4];
 
 /// Channels of a color; the place of the flag behind them.
-pub const CHANNELS: usize = 3;
+pub(crate) const CHANNELS: usize = 3;
 
 /// Returns 1 where all channels are finite, and 0 elsewhere.
 #[inline(always)]
@@ -23,11 +23,11 @@ fn finite(channels: &[Lanes; CHANNELS]) -> Lanes {
 
 /// Differences of eight pixels by channel in half the memory: the upper halves of their bits. Not a number where
 /// unknown.
-pub type Halved = [[u16; LANES]; CHANNELS];
+pub(crate) type Halved = [[u16; LANES]; CHANNELS];
 
 /// Returns differences in half the memory.
 #[inline(always)]
-pub fn halved(apart: &[Lanes; CHANNELS], known: Lanes) -> Halved {
+pub(crate) fn halved(apart: &[Lanes; CHANNELS], known: Lanes) -> Halved {
     let mut to = Halved::default();
     for (to, channel) in to.iter_mut().zip(apart) {
         let channel = known.select(*channel, Lanes([f32::NAN; LANES]));
@@ -40,7 +40,7 @@ pub fn halved(apart: &[Lanes; CHANNELS], known: Lanes) -> Halved {
 
 /// Returns the differences.
 #[inline(always)]
-pub fn whole(halved: &Halved) -> Difference {
+pub(crate) fn whole(halved: &Halved) -> Difference {
     let mut to = Difference::default();
     for (to, channel) in to.iter_mut().zip(halved) {
         *to = Lanes(each(|lane| f32::from_bits(u32::from(channel[lane]) << 16)));
@@ -52,7 +52,7 @@ pub fn whole(halved: &Halved) -> Difference {
 
 /// Returns differences less a share of the colors.
 #[inline(always)]
-pub fn without([r, g, b, known]: &Difference, share: Lanes, colors: &[Lanes; CHANNELS]) -> Difference {
+pub(crate) fn without([r, g, b, known]: &Difference, share: Lanes, colors: &[Lanes; CHANNELS]) -> Difference {
     [*r - colors[0] * share, *g - colors[1] * share, *b - colors[2] * share, *known]
 }
 

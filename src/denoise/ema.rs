@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 /// State between frames.
 #[derive(Debug, Default)]
-pub struct Ema {
+pub(crate) struct Ema {
     size: [usize; 2],
     /// Colors and the number of frames they rest on.
     history: Vec<[f32; 4]>,
@@ -29,7 +29,7 @@ pub(super) fn reprojected<const N: usize>(frame: &Frame<'_>, before: &[[f32; N]]
 
 impl Ema {
     /// Forgets all, as at a cut.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         self.history.clear();
     }
 
@@ -37,7 +37,7 @@ impl Ema {
     ///
     /// # Errors
     /// If the frame does not have as many colors, or motions, as pixels.
-    pub fn denoise(&mut self, frame: &Frame<'_>, alpha: f32) -> Result<Denoised> {
+    pub(crate) fn denoise(&mut self, frame: &Frame<'_>, alpha: f32) -> Result<Denoised> {
         frame.check()?;
         if self.size != frame.size {
             self.history.clear();

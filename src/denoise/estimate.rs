@@ -20,7 +20,7 @@ use super::reprojection;
 use glam::Vec2;
 
 /// Planes of a map: noise and error.
-pub const MAPPED: usize = 2;
+pub(crate) const MAPPED: usize = 2;
 
 /// Standard deviations of the estimate that [`Estimate::error_high`] adds to it.
 const DEVIATIONS: f64 = 2.0;
@@ -62,7 +62,7 @@ pub struct Estimate {
 /// Sums over a row of blocks: the squares of the denoised colors, those of the differences from both sides, and those
 /// of the differences' sums over blocks.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Row {
+pub(crate) struct Row {
     pub power: f64,
     pub apart: f64,
     pub pooled: f64,
@@ -70,7 +70,7 @@ pub struct Row {
 
 /// Planes of a row of blocks.
 #[derive(Debug, Clone, Copy)]
-pub struct Blocks<'b> {
+pub(crate) struct Blocks<'b> {
     /// Count of the pixels that are known on both sides of time.
     pub pixels: &'b [f32],
     /// Sums of the squares of the noise and of the residual of those pixels.
@@ -94,7 +94,7 @@ impl Estimate {
     }
 
     /// Returns the estimate of a share of this one and another together.
-    pub fn plus_share(self, share: f64, other: Self) -> Self {
+    pub(crate) fn plus_share(self, share: f64, other: Self) -> Self {
         Self {
             pixels: share * self.pixels + other.pixels,
             noise: share * self.noise + other.noise,
@@ -143,17 +143,17 @@ impl Estimate {
 
     /// Returns the share of the picture, as far as it is not empty, that is much as it was: it has no noise, or the
     /// frames around do not show it.
-    pub fn as_it_was(&self) -> f64 {
+    pub(crate) fn as_it_was(&self) -> f64 {
         self.as_it_was / self.blocks.max(1.0)
     }
 
     /// Returns the root mean square of the denoised colors.
-    pub fn level(&self) -> f64 {
+    pub(crate) fn level(&self) -> f64 {
         self.root(self.power)
     }
 
     /// Returns the estimate of a row of blocks.
-    pub fn of_row(blocks: Blocks<'_>, row: Row) -> Self {
+    pub(crate) fn of_row(blocks: Blocks<'_>, row: Row) -> Self {
         let Row { power, apart, pooled } = row;
         let mut found = Self { power, apart, pooled, ..Self::default() };
         for at in 0..blocks.pixels.len() {
@@ -186,7 +186,7 @@ const UNKNOWN: f32 = -1.0;
 /// Writes the root mean squares of the noise and of the error of a row of blocks, plane after plane, from the count of
 /// pixels and the sums of the squares of noise and residual, which are pooled, and the shares that come back. The error
 /// is no less than one standard deviation of its estimate. Nothing is known where the frames do not fit.
-pub fn map_row([pixels, noise, residual]: [&[Lanes]; 3], shares: &[f32], fits: bool, to: &mut [f32]) {
+pub(crate) fn map_row([pixels, noise, residual]: [&[Lanes]; 3], shares: &[f32], fits: bool, to: &mut [f32]) {
     let stride = to.len() / MAPPED;
     for vector in 0..pixels.len() {
         let share = Lanes::load(shares, vector * LANES);

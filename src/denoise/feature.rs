@@ -5,7 +5,7 @@ use glam::Vec3;
 
 /// Returns the least and the greatest values, channel by channel, of the pixels within one of a pixel; pixels that are
 /// not finite are left out. `None` if none is left.
-pub fn neighbourhood(color: &[Vec3], [width, height]: [usize; 2], [x, y]: [usize; 2]) -> Option<[Vec3; 2]> {
+pub(crate) fn neighbourhood(color: &[Vec3], [width, height]: [usize; 2], [x, y]: [usize; 2]) -> Option<[Vec3; 2]> {
     let (columns, rows) = (x.saturating_sub(1)..(x + 2).min(width), y.saturating_sub(1)..(y + 2).min(height));
     let all = rows.flat_map(|row| columns.clone().map(move |column| color[row * width + column]));
     let finite = all.filter(|color| color.is_finite());
@@ -17,13 +17,13 @@ pub fn neighbourhood(color: &[Vec3], [width, height]: [usize; 2], [x, y]: [usize
 /// Returns the feature of a pixel from the history that was reprojected to it: `α Ψ[history] + (1 - α) color`, where Ψ
 /// clamps the history to the range of the colors around the pixel.
 #[inline(always)]
-pub fn follow(history: Vec3, color: Vec3, [low, high]: [Vec3; 2], alpha: f32) -> Vec3 {
+pub(crate) fn follow(history: Vec3, color: Vec3, [low, high]: [Vec3; 2], alpha: f32) -> Vec3 {
     alpha * history.clamp(low, high) + (1.0 - alpha) * color
 }
 
 /// Returns the distance of two colors as a share of the darker one, the paper's equation 13; 0 of two black ones.
 #[inline(always)]
-pub fn distance(a: Vec3, b: Vec3) -> f32 {
+pub(crate) fn distance(a: Vec3, b: Vec3) -> f32 {
     let most = a.abs().max(b.abs()).max_element();
     if most == 0.0 {
         return 0.0;
@@ -35,7 +35,7 @@ pub fn distance(a: Vec3, b: Vec3) -> f32 {
 
 /// Returns the weight of a distance, `exp(-d² / h²)`; 1 for an infinite bandwidth.
 #[inline(always)]
-pub fn weight(distance: f32, bandwidth: f32) -> f32 {
+pub(crate) fn weight(distance: f32, bandwidth: f32) -> f32 {
     if bandwidth.is_infinite() {
         return 1.0;
     }

@@ -26,7 +26,7 @@ impl Frame<'_> {
     ///
     /// # Errors
     /// If not.
-    pub fn check(&self) -> Result<()> {
+    pub(crate) fn check(&self) -> Result<()> {
         let [width, height] = self.size;
         let count = width * height;
         let lengths = [Some(self.color.len()), self.motion.map(<[Vec2]>::len), self.alpha.map(<[f32]>::len)];

@@ -84,7 +84,7 @@ struct Scratch {
 
 /// Denoiser with its scratch.
 #[derive(Debug, Default)]
-pub struct GuidedDenoiser {
+pub(crate) struct GuidedDenoiser {
     state: State,
     scratch: Scratch,
     illumination: Illumination,
@@ -97,12 +97,12 @@ pub struct GuidedDenoiser {
 
 impl GuidedDenoiser {
     /// Forgets all, as at a cut, and frees the memory.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         *self = Self { mapped: self.mapped, ..Self::default() };
     }
 
     /// Forgets all but what was learned of the noise.
-    pub fn rewind(&mut self) {
+    pub(crate) fn rewind(&mut self) {
         self.state = State::default();
         self.rehearsed = true;
     }
@@ -111,7 +111,7 @@ impl GuidedDenoiser {
     ///
     /// # Errors
     /// If the frame does not have as many colors, motions or alphas as pixels.
-    pub fn denoise(&mut self, frame: &Frame<'_>, to: &mut Denoised) -> Result<()> {
+    pub(crate) fn denoise(&mut self, frame: &Frame<'_>, to: &mut Denoised) -> Result<()> {
         frame.check()?;
         let grid = Grid::over(frame.size);
         if self.state.size != frame.size {

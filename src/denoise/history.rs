@@ -32,7 +32,7 @@ const LARGEST: f32 = 1e12;
 
 /// Histories of all pixels after a frame.
 #[derive(Debug, Clone, Default)]
-pub struct Past {
+pub(crate) struct Past {
     /// The history of each pixel's color and alpha, the count of its frames, and the color of the frame alone.
     pub pixels: Vec<Packed>,
     /// Coding of the colors.
@@ -43,7 +43,7 @@ pub struct Past {
 
 impl Past {
     /// Returns what stands for the histories before a first frame.
-    pub fn before_first(frame: &Frame<'_>) -> Self {
+    pub(crate) fn before_first(frame: &Frame<'_>) -> Self {
         let [width, height] = frame.size;
         let of_row = |y: usize| (0..width).map(move |x| calm(frame, [x, y]));
         let colors: Vec<Vec3> = (0..height).into_par_iter().flat_map_iter(of_row).collect();
@@ -68,7 +68,7 @@ fn fresh(coding: Coding, color: Vec3, alpha: f32) -> Lanes {
 
 /// Histories of the frame before, beside the frame that comes.
 #[derive(Debug, Clone, Copy)]
-pub struct Histories<'h> {
+pub(crate) struct Histories<'h> {
     /// Histories after the frame before.
     pub past: &'h Past,
     /// Coding of the colors of the histories after this frame.
@@ -83,7 +83,7 @@ impl Histories<'_> {
     /// Reprojects a row of pixels to lines of `line` numbers, plane after plane. Their margins repeat the outermost
     /// pixels.
     #[inline(always)]
-    pub fn warp(&self, y: usize, lines: &mut [f32], line: usize) {
+    pub(crate) fn warp(&self, y: usize, lines: &mut [f32], line: usize) {
         let [width, _] = self.frame.size;
         let motion = self.frame.motion.filter(|_| !self.past.is_fresh).map(|motion| &motion[y * width..][..width]);
         let row = &self.past.pixels[y * width..][..width];
@@ -138,7 +138,7 @@ impl Histories<'_> {
 
     /// Returns the alphas of eight pixels of a row from `left` on.
     #[inline(always)]
-    pub fn alphas(&self, y: usize, left: usize) -> Lanes {
+    pub(crate) fn alphas(&self, y: usize, left: usize) -> Lanes {
         let [width, _] = self.frame.size;
         let row = self.frame.alpha.map_or(&[][..], |alpha| &alpha[y * width..][..width]);
         let mut alphas = Lanes::load(row, left);
@@ -153,7 +153,7 @@ impl Histories<'_> {
     /// histories, and the differences from the frame before. The fourth plane is 1 where there is a color. Returns the
     /// least and the greatest colors of the next state, in some order.
     #[inline(always)]
-    pub fn follow(
+    pub(crate) fn follow(
         &self,
         y: usize,
         lines: &[f32],
@@ -229,7 +229,7 @@ fn calm(frame: &Frame<'_>, [x, y]: [usize; 2]) -> Vec3 {
 
 /// Returns the history of alpha over so many frames with the alpha of the frame at hand.
 #[inline(always)]
-pub fn with_alpha(before: Lanes, count: Lanes, now: Lanes) -> Lanes {
+pub(crate) fn with_alpha(before: Lanes, count: Lanes, now: Lanes) -> Lanes {
     let keep = (count / (count + 1.0)).min(Lanes([ALPHA_HISTORY; LANES]));
     now + (before - now) * keep
 }
@@ -237,7 +237,7 @@ pub fn with_alpha(before: Lanes, count: Lanes, now: Lanes) -> Lanes {
 /// Returns the channels of up to eight colors whose numbers are small enough to be multiplied, and 1 where they are
 /// finite; 0 elsewhere.
 #[inline(always)]
-pub fn loaded(row: &[Vec3]) -> ([Lanes; 3], Lanes) {
+pub(crate) fn loaded(row: &[Vec3]) -> ([Lanes; 3], Lanes) {
     let mut all = [Vec3::NAN; LANES];
     let row = row.first_chunk().unwrap_or_else(|| {
         all[..row.len()].copy_from_slice(row);

@@ -17,11 +17,11 @@ use rayon::prelude::*;
 
 /// Changes of a block, as shares of the denoised colors: those of the frame over the denoised colors, over the frame
 /// before and over the frame that follows.
-pub const CHANGES: usize = 3;
+pub(crate) const CHANGES: usize = 3;
 /// Places of the changes.
 const DENOISED: usize = 0;
-pub const BEFORE: usize = 1;
-pub const AFTER: usize = 2;
+pub(crate) const BEFORE: usize = 1;
+pub(crate) const AFTER: usize = 2;
 
 /// Sums of each change: the products of differences and denoised colors, and the squares of these, by the weights of
 /// the pixels and without weights; and the squares of the weighted products.
@@ -39,7 +39,7 @@ const LEAST: f32 = 1e-30;
 
 /// A frame, and what it is compared with.
 #[derive(Debug, Clone, Copy)]
-pub struct Compared<'c> {
+pub(crate) struct Compared<'c> {
     pub frame: &'c Frame<'c>,
     pub grid: Grid,
     /// Differences from the frame before, row by row.
@@ -52,7 +52,7 @@ pub struct Compared<'c> {
 
 /// Changes of illumination of a frame.
 #[derive(Debug, Default)]
-pub struct Illumination {
+pub(crate) struct Illumination {
     sums: Planes,
     /// The changes by block.
     pub changes: Planes,
@@ -60,7 +60,7 @@ pub struct Illumination {
 
 impl Illumination {
     /// Finds the changes, and gives the denoised colors, row by row, the illumination of the frame.
-    pub fn follow(&mut self, compared: Compared<'_>, colors: &mut [Features]) {
+    pub(crate) fn follow(&mut self, compared: Compared<'_>, colors: &mut [Features]) {
         let Compared { frame, grid, .. } = compared;
         let groups = vectors(frame.size[0]);
         if self.sums.grid() != grid {

@@ -3,12 +3,12 @@
 use std::ops::{Add, AddAssign, Div, Mul, Sub};
 
 /// Numbers in a vector.
-pub const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 
 /// Eight numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(align(32))]
-pub struct Lanes(pub [f32; LANES]);
+pub(crate) struct Lanes(pub [f32; LANES]);
 
 macro_rules! elementwise {
     ($($op:ident $name:ident $sign:tt),*) => {$(
@@ -44,17 +44,17 @@ impl AddAssign for Lanes {
 
 impl Lanes {
     /// Zeros.
-    pub const ZERO: Self = Self([0.0; LANES]);
+    pub(crate) const ZERO: Self = Self([0.0; LANES]);
 
     /// Returns the eight numbers of a row from `at` on; zeros where it ends before.
     #[inline(always)]
-    pub fn load(row: &[f32], at: usize) -> Self {
+    pub(crate) fn load(row: &[f32], at: usize) -> Self {
         Self(row.get(at..).and_then(<[f32]>::first_chunk).copied().unwrap_or([0.0; LANES]))
     }
 
     /// Writes the numbers to a row from `at` on, if it is that long.
     #[inline(always)]
-    pub fn store(self, row: &mut [f32], at: usize) {
+    pub(crate) fn store(self, row: &mut [f32], at: usize) {
         if let Some(to) = row.get_mut(at..).and_then(<[f32]>::first_chunk_mut) {
             *to = self.0;
         }
@@ -62,7 +62,7 @@ impl Lanes {
 
     /// Returns the products with other numbers, added to more, each rounded once.
     #[inline(always)]
-    pub fn mul_add(self, by: Self, more: Self) -> Self {
+    pub(crate) fn mul_add(self, by: Self, more: Self) -> Self {
         let mut to = self.0;
         for i in 0..LANES {
             to[i] = self.0[i].mul_add(by.0[i], more.0[i]);
@@ -72,7 +72,7 @@ impl Lanes {
 
     /// Returns the greater of each pair.
     #[inline(always)]
-    pub fn max(self, other: Self) -> Self {
+    pub(crate) fn max(self, other: Self) -> Self {
         let mut to = self.0;
         for i in 0..LANES {
             to[i] = if self.0[i] > other.0[i] { self.0[i] } else { other.0[i] };
@@ -82,7 +82,7 @@ impl Lanes {
 
     /// Returns the lesser of each pair.
     #[inline(always)]
-    pub fn min(self, other: Self) -> Self {
+    pub(crate) fn min(self, other: Self) -> Self {
         let mut to = self.0;
         for i in 0..LANES {
             to[i] = if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] };
@@ -92,7 +92,7 @@ impl Lanes {
 
     /// Returns the square roots.
     #[inline(always)]
-    pub fn sqrt(self) -> Self {
+    pub(crate) fn sqrt(self) -> Self {
         let mut to = self.0;
         for to in &mut to {
             *to = to.sqrt();
@@ -102,7 +102,7 @@ impl Lanes {
 
     /// Returns `then` where this is above 0, and `other` elsewhere.
     #[inline(always)]
-    pub fn select(self, then: Self, other: Self) -> Self {
+    pub(crate) fn select(self, then: Self, other: Self) -> Self {
         let mut to = self.0;
         for i in 0..LANES {
             to[i] = if self.0[i] > 0.0 { then.0[i] } else { other.0[i] };
@@ -114,7 +114,7 @@ impl Lanes {
 /// Returns an array of what `of` returns for each place. (`std::array::from_fn` is not always inlined, and then
 /// compiled for the baseline.)
 #[inline(always)]
-pub fn each<T: Copy + Default, const N: usize>(mut of: impl FnMut(usize) -> T) -> [T; N] {
+pub(crate) fn each<T: Copy + Default, const N: usize>(mut of: impl FnMut(usize) -> T) -> [T; N] {
     let mut to = [T::default(); N];
     for (i, to) in to.iter_mut().enumerate() {
         *to = of(i);
@@ -124,6 +124,6 @@ pub fn each<T: Copy + Default, const N: usize>(mut of: impl FnMut(usize) -> T) -
 
 /// Returns the sum over channels of the products of two colors.
 #[inline(always)]
-pub fn dot(a: &[Lanes], b: &[Lanes]) -> Lanes {
+pub(crate) fn dot(a: &[Lanes], b: &[Lanes]) -> Lanes {
     (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 }

@@ -3,28 +3,28 @@
 use super::lanes::LANES;
 
 /// Numbers of a pixel that are not padding.
-pub const PLANES: usize = 5;
+pub(crate) const PLANES: usize = 5;
 /// Plane of alpha.
-pub const ALPHA: usize = 3;
+pub(crate) const ALPHA: usize = 3;
 /// Plane of the count of frames.
-pub const COUNT: usize = 4;
+pub(crate) const COUNT: usize = 4;
 
 /// Numbers of a pixel of the frame before: its history, and behind that its color alone.
-pub const STORED: usize = 8;
+pub(crate) const STORED: usize = 8;
 /// First plane of the color alone.
-pub const LAST: usize = PLANES;
+pub(crate) const LAST: usize = PLANES;
 
 /// Numbers before and after the pixels of a line.
-pub const MARGIN: usize = LANES;
+pub(crate) const MARGIN: usize = LANES;
 
 /// Returns the numbers of a line of so many pixels, with its margins.
-pub fn line_of(width: usize) -> usize {
+pub(crate) fn line_of(width: usize) -> usize {
     width.next_multiple_of(LANES) + 2 * MARGIN
 }
 
 /// Repeats the outermost of a line's pixels in its margins.
 #[inline(always)]
-pub fn fill_margins(line: &mut [f32], width: usize) {
+pub(crate) fn fill_margins(line: &mut [f32], width: usize) {
     let [first, last] = [line[MARGIN], line[MARGIN + width - 1]];
     line[..MARGIN].fill(first);
     line[MARGIN + width..].fill(last);

@@ -6,21 +6,21 @@ use super::vectors::{Colors, Features};
 use crate::arch::Arch;
 
 /// Numbers of a block: the sums of its model, and zeros up to whole vectors.
-pub type Sums = [f32; STATE];
+pub(crate) type Sums = [f32; STATE];
 
 /// Numbers of a block.
-pub const STATE: usize = TERMS.next_multiple_of(LANES);
+pub(crate) const STATE: usize = TERMS.next_multiple_of(LANES);
 
 /// Returns the number that is added to the squares of features before errors are taken as shares of them. `level` is
 /// the root mean square of the features.
 #[inline(always)]
-pub fn error_floor(level: f32) -> f32 {
+pub(crate) fn error_floor(level: f32) -> f32 {
     (0.2 * level).powi(2) + 1e-30
 }
 
 /// Rows of pixels to be learned.
 #[derive(Debug, Clone, Copy)]
-pub struct Lines<'l> {
+pub(crate) struct Lines<'l> {
     pub features: &'l [Features],
     pub colors: &'l [Colors],
     /// Vectors in a row.
@@ -29,7 +29,7 @@ pub struct Lines<'l> {
 
 /// Adds the sums of a row of blocks to a share of what they were.
 #[inline(always)]
-pub fn add(lines: Lines<'_>, kept: f32, arch: Arch, blocks: &mut [Sums]) {
+pub(crate) fn add(lines: Lines<'_>, kept: f32, arch: Arch, blocks: &mut [Sums]) {
     let Lines { features, colors, groups } = lines;
     let rows = features.len() / groups;
     for (at, blocks) in blocks.chunks_mut(LANES / BLOCK).enumerate() {

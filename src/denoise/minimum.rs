@@ -14,21 +14,21 @@ const GROWTH: f32 = 1.1;
 /// Minima of the frames before and of those with the frame, by neighbourhood: mean squares of the noise, in units of
 /// the weighted sums; infinite where unknown.
 #[derive(Debug, Default)]
-pub struct Minimum {
+pub(crate) struct Minimum {
     before: Planes,
     now: Planes,
 }
 
 impl Minimum {
     /// Creates minima of no frames.
-    pub fn new(grid: Grid) -> Self {
+    pub(crate) fn new(grid: Grid) -> Self {
         let mut now = Planes::new(grid, 1);
         now.data.fill(f32::INFINITY);
         Self { before: now.clone(), now }
     }
 
     /// Goes on to the next frame. Returns the minima of the frames before, and where those with the frame go.
-    pub fn advance(&mut self) -> (&Planes, &mut Planes) {
+    pub(crate) fn advance(&mut self) -> (&Planes, &mut Planes) {
         std::mem::swap(&mut self.before, &mut self.now);
         (&self.before, &mut self.now)
     }
@@ -37,7 +37,7 @@ impl Minimum {
 /// Returns the minima of eight neighbourhoods where these have come from by the mean motions of blocks; infinite where
 /// they come from outside.
 #[inline(always)]
-pub fn moved(minima: &Planes, motions: &[Vec2], row: usize, vector: usize) -> Lanes {
+pub(crate) fn moved(minima: &Planes, motions: &[Vec2], row: usize, vector: usize) -> Lanes {
     let Grid { columns, rows } = minima.grid();
     Lanes(each(|lane| {
         let column = vector * LANES + lane;
@@ -51,13 +51,13 @@ pub fn moved(minima: &Planes, motions: &[Vec2], row: usize, vector: usize) -> La
 
 /// Returns the minima of eight neighbourhoods from those before and what the frame shows.
 #[inline(always)]
-pub fn next(before: Lanes, shown: Lanes) -> Lanes {
+pub(crate) fn next(before: Lanes, shown: Lanes) -> Lanes {
     (before * GROWTH).min(shown)
 }
 
 /// Returns the numbers of pixels of eight neighbourhoods of so many blocks to each side.
 #[inline(always)]
-pub fn pixels(grid: Grid, radius: usize, row: usize, vector: usize) -> Lanes {
+pub(crate) fn pixels(grid: Grid, radius: usize, row: usize, vector: usize) -> Lanes {
     let blocks = |at: usize, count: usize| (at + radius + 1).min(count).saturating_sub(at.saturating_sub(radius));
     let columns: [f32; LANES] = each(|lane| blocks(vector * LANES + lane, grid.columns) as f32);
     Lanes(columns) * (blocks(row, grid.rows) * BLOCK * BLOCK) as f32

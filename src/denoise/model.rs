@@ -10,32 +10,32 @@
 use glam::Vec3;
 
 /// Predictor of a color: 1 and a feature.
-pub type Predictor = [f32; 4];
+pub(crate) type Predictor = [f32; 4];
 
 /// Coefficients of the three channels by component of the predictor.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Coefficients(pub [Vec3; 4]);
+pub(crate) struct Coefficients(pub [Vec3; 4]);
 
 impl Coefficients {
     /// Coefficients that predict the feature itself.
-    pub const FEATURE: Self = Self([Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z]);
+    pub(crate) const FEATURE: Self = Self([Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z]);
 
     /// Returns the color that a predictor stands for.
     #[inline(always)]
-    pub fn predict(&self, predictor: &Predictor) -> Vec3 {
+    pub(crate) fn predict(&self, predictor: &Predictor) -> Vec3 {
         self.0.iter().zip(predictor).fold(Vec3::ZERO, |sum, (beta, p)| sum + *beta * *p)
     }
 }
 
 /// Returns the predictor of a feature.
 #[inline(always)]
-pub fn predictor(feature: Vec3) -> Predictor {
+pub(crate) fn predictor(feature: Vec3) -> Predictor {
     [1.0, feature.x, feature.y, feature.z]
 }
 
 /// Sums over the samples of a pixel, from which its model follows.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Model {
+pub(crate) struct Model {
     /// Upper triangle of the information matrix, row by row.
     information: [f32; 10],
     /// Moments of the color by component of the predictor.
@@ -58,13 +58,13 @@ impl Model {
 
     /// Returns how many samples the model rests on, each counted by its weight and age.
     #[inline(always)]
-    pub fn samples(&self) -> f32 {
+    pub(crate) fn samples(&self) -> f32 {
         self.information[0]
     }
 
     /// Adds a share of another model.
     #[inline(always)]
-    pub fn add(&mut self, other: &Self, share: f32) {
+    pub(crate) fn add(&mut self, other: &Self, share: f32) {
         for (own, other) in self.information.iter_mut().zip(other.information) {
             *own += share * other;
         }
@@ -75,7 +75,7 @@ impl Model {
 
     /// Forgets a part, so that the share `by` stays, and learns a color with a weight.
     #[inline(always)]
-    pub fn learn(&mut self, predictor: &Predictor, color: Vec3, weight: f32, by: f32) {
+    pub(crate) fn learn(&mut self, predictor: &Predictor, color: Vec3, weight: f32, by: f32) {
         for row in 0..4 {
             for column in row..4 {
                 let element = &mut self.information[ROWS[row] + column - row];
@@ -91,7 +91,7 @@ impl Model {
     /// colors of any brightness, and solved by Cholesky's method. The ridge keeps every pivot above what rounding takes
     /// from it.
     #[inline(always)]
-    pub fn solve(&self) -> Coefficients {
+    pub(crate) fn solve(&self) -> Coefficients {
         let scale: [f32; 4] = std::array::from_fn(|i| {
             let diagonal = self.information(i, i);
             // Subnormal numbers have too few digits to be divided by.

@@ -26,45 +26,45 @@ use glam::Vec2;
 
 /// Numbers of a block: sums over the pixels of this frame; sums over those of all frames that count, older ones by
 /// less; and those of this frame that are added to them.
-pub const SUMS: usize = 3 * LANES;
+pub(crate) const SUMS: usize = 3 * LANES;
 /// Sums of a block.
-pub type Sums = [f32; SUMS];
+pub(crate) type Sums = [f32; SUMS];
 
 /// Place of the noise's square by the product of two differences.
-pub const NOISE: usize = 0;
+pub(crate) const NOISE: usize = 0;
 /// Place of the noise's square by a difference's own.
-pub const DIRECT: usize = 1;
+pub(crate) const DIRECT: usize = 1;
 /// Place of the residual's square.
-pub const RESIDUAL: usize = 2;
+pub(crate) const RESIDUAL: usize = 2;
 /// Place of the square of each pixel's noise, from which the variance of the sum follows.
-pub const CHANCE: usize = 3;
+pub(crate) const CHANCE: usize = 3;
 /// Place of the squares of the differences, less what the noise explains of them.
-pub const EXCESS: usize = 4;
+pub(crate) const EXCESS: usize = 4;
 /// Places of the noise's square by the second differences around, by the nearest pixel, and of the residual's, of the
 /// sum of the channels.
-pub const LIGHT_NOISE: usize = 5;
-pub const LIGHT_NEAREST: usize = 6;
-pub const LIGHT: usize = 7;
+pub(crate) const LIGHT_NOISE: usize = 5;
+pub(crate) const LIGHT_NEAREST: usize = 6;
+pub(crate) const LIGHT: usize = 7;
 
 /// First places of the sums of all frames, and of those of this frame that are added to them. Both have noise,
 /// residual, chance and excess where the sums of this frame have them. The excess is that of pixels that are known on
 /// both sides of time; the pixels of a last frame, known before alone, count in none.
-pub const SINCE: usize = LANES;
-pub const ADDED: usize = 2 * LANES;
+pub(crate) const SINCE: usize = LANES;
+pub(crate) const ADDED: usize = 2 * LANES;
 /// Place among them of the square of each pixel's excess.
-pub const EXCESS_CHANCE: usize = 1;
+pub(crate) const EXCESS_CHANCE: usize = 1;
 /// Places among them of the squares of noise and residual that are no shares of the colors, and of the count, over
 /// pixels that are known on both sides of time.
-pub const NOISE_POWER: usize = 5;
-pub const RESIDUAL_POWER: usize = 6;
-pub const PIXELS: usize = 7;
+pub(crate) const NOISE_POWER: usize = 5;
+pub(crate) const RESIDUAL_POWER: usize = 6;
+pub(crate) const PIXELS: usize = 7;
 
 /// Distance in pixels of those around of which the second difference is taken: filters make noise of neighbours alike.
 const STEP: usize = 2;
 /// Sum of the squares of the kernel of second differences in both directions.
-pub const KERNEL: f32 = 36.0;
+pub(crate) const KERNEL: f32 = 36.0;
 /// Variance of Gaussian noise over the mean of the least square of the differences from four neighbours.
-pub const NEAREST: f32 = 2.58;
+pub(crate) const NEAREST: f32 = 2.58;
 /// Weight of pixels of which no difference is known: they count where no others are, and their residual counts as
 /// noise.
 const UNKNOWN: f32 = 1e-4;
@@ -101,7 +101,7 @@ pub struct Denoised<'d> {
 }
 
 /// Learns a row of blocks.
-pub struct Learn<'a> {
+pub(crate) struct Learn<'a> {
     pub denoised: &'a Denoised<'a>,
     /// Sums after the frame before; empty at the first frame.
     pub before: &'a [Sums],

@@ -27,7 +27,7 @@ const CLEANER: f64 = 0.35;
 
 /// Guide that a frame has.
 #[derive(Debug, Clone, Copy)]
-pub struct Outline<'f> {
+pub(crate) struct Outline<'f> {
     /// Alpha, if it tells anything: not if it is opaque everywhere, or noisy. The finest outlines count as noise, since
     /// features that follow alpha are smoothed over more pixels.
     pub alpha: Option<&'f [f32]>,
@@ -39,7 +39,7 @@ pub struct Outline<'f> {
 
 impl<'f> Outline<'f> {
     /// Returns the guide of a frame.
-    pub fn of(frame: &Frame<'f>) -> Self {
+    pub(crate) fn of(frame: &Frame<'f>) -> Self {
         let [width, _] = frame.size;
         let alphas = frame.alpha.unwrap_or_default();
         let rows = alphas.par_chunks(width).zip(frame.color.par_chunks(width)).step_by(LOOK);

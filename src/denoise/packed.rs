@@ -7,11 +7,11 @@
 use super::lanes::{LANES, Lanes, each};
 
 /// Eight numbers in sixteen bits each.
-pub type Packed = [u16; LANES];
+pub(crate) type Packed = [u16; LANES];
 
 /// How colors of either sign become numbers that can be packed: over a power of two, and so much more.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Coding {
+pub(crate) struct Coding {
     scale: f32,
     offset: f32,
 }
@@ -29,32 +29,32 @@ impl Default for Coding {
 
 impl Coding {
     /// Returns the coding of colors from `least`, which is not above 0, up to `most`.
-    pub fn of([least, most]: [f32; 2]) -> Self {
+    pub(crate) fn of([least, most]: [f32; 2]) -> Self {
         let exponent = (most.max(-least) / SCALED).log2().ceil();
         let scale = if exponent.is_finite() { exponent.clamp(-100.0, 100.0).exp2() } else { 1.0 };
         Self { scale, offset: -least / scale * ROOM }
     }
 
     /// Returns the least color that has a number, which is not above 0.
-    pub fn least(self) -> f32 {
+    pub(crate) fn least(self) -> f32 {
         -self.offset * self.scale
     }
 
     /// Returns the numbers of colors.
     #[inline(always)]
-    pub fn encode(self, colors: Lanes) -> Lanes {
+    pub(crate) fn encode(self, colors: Lanes) -> Lanes {
         colors * self.scale.recip() + Lanes([self.offset; LANES])
     }
 
     /// Returns the colors of numbers.
     #[inline(always)]
-    pub fn decode(self, numbers: Lanes) -> Lanes {
+    pub(crate) fn decode(self, numbers: Lanes) -> Lanes {
         (numbers - Lanes([self.offset; LANES])) * self.scale
     }
 }
 
 /// Largest number.
-pub const LARGEST: f32 = 1e5;
+pub(crate) const LARGEST: f32 = 1e5;
 
 /// Scale of numbers before their bits are taken, a power of two: the largest has five bits of exponent then.
 const DOWN: f32 = f32::from_bits((127 - SHIFT) << 23);
@@ -67,7 +67,7 @@ const DROPPED: u32 = 12;
 
 /// Returns the nearest packed numbers; those below 0 are 0, and those above [`LARGEST`] that.
 #[inline(always)]
-pub fn pack(numbers: Lanes) -> Packed {
+pub(crate) fn pack(numbers: Lanes) -> Packed {
     let mut to = [0; LANES];
     let numbers = numbers.max(Lanes::ZERO).min(Lanes([LARGEST; LANES])) * DOWN;
     for (to, number) in to.iter_mut().zip(numbers.0) {
@@ -78,13 +78,13 @@ pub fn pack(numbers: Lanes) -> Packed {
 
 /// Returns the numbers.
 #[inline(always)]
-pub fn unpack(packed: &Packed) -> Lanes {
+pub(crate) fn unpack(packed: &Packed) -> Lanes {
     scaled(packed) * UP
 }
 
 /// Returns the sum of four times eight numbers, each by its share.
 #[inline(always)]
-pub fn mean(packed: [&Packed; 4], [p, q, r, s]: [f32; 4]) -> Lanes {
+pub(crate) fn mean(packed: [&Packed; 4], [p, q, r, s]: [f32; 4]) -> Lanes {
     let [a, b, c, d]: [Lanes; 4] = each(|at| scaled(packed[at]));
     ((a * p + b * q) + (c * r + d * s)) * UP
 }
@@ -92,7 +92,7 @@ pub fn mean(packed: [&Packed; 4], [p, q, r, s]: [f32; 4]) -> Lanes {
 /// Returns the sum of sixteen times eight numbers, from `first` on four in each of four rows of `width`, each by the
 /// shares of its column and its row. Sums below 0 are 0.
 #[inline(always)]
-pub fn resampled(packed: &[Packed], width: usize, first: usize, columns: [f32; 4], rows: [f32; 4]) -> Lanes {
+pub(crate) fn resampled(packed: &[Packed], width: usize, first: usize, columns: [f32; 4], rows: [f32; 4]) -> Lanes {
     let mut sum = Lanes::ZERO;
     for (row, share) in rows.into_iter().enumerate() {
         let Some(row) = packed.get(first + row * width..).and_then(<[Packed]>::first_chunk::<4>) else { continue };

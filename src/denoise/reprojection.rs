@@ -8,7 +8,7 @@ const LEAST_COVERED: f32 = 0.25;
 
 /// Four items of a picture around a place, and the share of each.
 #[derive(Debug, Clone, Copy)]
-pub struct Around {
+pub(crate) struct Around {
     /// Places in the picture.
     pub at: [usize; 4],
     /// Shares, 0 for places outside.
@@ -19,7 +19,7 @@ pub struct Around {
 
 /// Returns what lies around a place; `None` if (nearly) none of it is in a picture of `size`.
 #[inline(always)]
-pub fn around([width, height]: [usize; 2], place: Vec2) -> Option<Around> {
+pub(crate) fn around([width, height]: [usize; 2], place: Vec2) -> Option<Around> {
     let seen = place.x > -1.0 && place.y > -1.0 && place.x < width as f32 && place.y < height as f32;
     // Neither huge nor missing numbers pass.
     if !seen {
@@ -49,7 +49,7 @@ pub fn around([width, height]: [usize; 2], place: Vec2) -> Option<Around> {
 impl Around {
     /// Returns the sum of the items around, each by its share.
     #[inline(always)]
-    pub fn sum<const N: usize>(&self, items: &[[f32; N]]) -> [f32; N] {
+    pub(crate) fn sum<const N: usize>(&self, items: &[[f32; N]]) -> [f32; N] {
         if self.share[0] == 1.0 {
             return items[self.at[0]];
         }
@@ -63,7 +63,7 @@ impl Around {
 /// Sixteen pixels of a picture around each of eight places, four in each of four rows, and the shares of columns and
 /// rows by cubic convolution (Keys 1981), which keeps detail that the mean of four pixels blurs.
 #[derive(Debug, Clone, Copy)]
-pub struct Taps {
+pub(crate) struct Taps {
     /// 1 where all pixels are in the picture.
     inside: Lanes,
     /// Columns and rows of the pixels that lie before the places, where all are inside.
@@ -75,7 +75,7 @@ pub struct Taps {
 impl Taps {
     /// Returns the pixels around places in a picture of `size`.
     #[inline(always)]
-    pub fn around(size: [usize; 2], places: [Lanes; 2]) -> Self {
+    pub(crate) fn around(size: [usize; 2], places: [Lanes; 2]) -> Self {
         let mut taps = Self { inside: Lanes([1.0; LANES]), before: Default::default(), shares: Default::default() };
         for (axis, place) in places.into_iter().enumerate() {
             let most = size[axis] as f32 - 3.0;
@@ -92,14 +92,14 @@ impl Taps {
     /// Returns the place of the upper left pixel around one of the places in a picture of `width`; `None` if not all
     /// pixels are in the picture.
     #[inline(always)]
-    pub fn first(&self, lane: usize, width: usize) -> Option<usize> {
+    pub(crate) fn first(&self, lane: usize, width: usize) -> Option<usize> {
         let (column, row) = (self.before[0][lane] as usize, self.before[1][lane] as usize);
         if self.inside.0[lane] > 0.0 { Some((row - 1) * width + column - 1) } else { None }
     }
 
     /// Returns the shares of the four columns (axis 0) or rows (axis 1) around one of the places.
     #[inline(always)]
-    pub fn shares(&self, axis: usize, lane: usize) -> [f32; 4] {
+    pub(crate) fn shares(&self, axis: usize, lane: usize) -> [f32; 4] {
         each(|at| self.shares[axis][at].0[lane])
     }
 }
@@ -116,7 +116,7 @@ fn cubic(part: Lanes) -> [Lanes; 4] {
 
 /// Returns the share of the variance of independent noise that is left where a picture is resampled by a motion; all of
 /// it where the motion is not a number.
-pub fn noise_gain(motion: Vec2) -> f32 {
+pub(crate) fn noise_gain(motion: Vec2) -> f32 {
     let of =
         |place: f32| cubic(Lanes([place - place.floor(); LANES])).iter().map(|share| share.0[0].powi(2)).sum::<f32>();
     let gain = of(motion.x) * of(motion.y);

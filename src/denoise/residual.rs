@@ -30,7 +30,7 @@ const LEAST: f32 = 1e-30;
 
 /// Residuals of a sequence.
 #[derive(Debug, Default)]
-pub struct Residuals {
+pub(crate) struct Residuals {
     blocks: Vec<Sums>,
     next: Vec<Sums>,
     sums: Planes,
@@ -47,12 +47,12 @@ pub struct Residuals {
 
 impl Residuals {
     /// True if they are of frames over this grid.
-    pub fn are_over(&self, grid: Grid) -> bool {
+    pub(crate) fn are_over(&self, grid: Grid) -> bool {
         self.sums.grid() == grid
     }
 
     /// Writes the denoised colors with the signal that their residuals hold, and the estimate of what is left.
-    pub fn give_back(&mut self, denoised: &Denoised<'_>, to: &mut frame::Denoised) {
+    pub(crate) fn give_back(&mut self, denoised: &Denoised<'_>, to: &mut frame::Denoised) {
         let Denoised { frame, grid, motions, mapped, .. } = *denoised;
         if !self.are_over(grid) {
             *self = Self {

@@ -16,9 +16,9 @@ use super::reprojection::noise_gain;
 use glam::Vec2;
 
 /// Numbers that a block is solved for: the share of its residuals that is signal, and the mean square of its noise.
-pub const SOLVED: usize = 2;
+pub(crate) const SOLVED: usize = 2;
 /// Blocks to each side over which sums are pooled.
-pub const POOL: usize = 2;
+pub(crate) const POOL: usize = 2;
 /// Standard deviations of the noise's square that are added to it, so that chance seldom takes noise for signal: of a
 /// frame alone, which tells sudden errors, and of all.
 const DEVIATIONS: [f32; 2] = [1.25, 0.75];
@@ -218,7 +218,7 @@ impl Pooled {
 /// Sums over whole pictures that calibrate the noise by the nearest pixel against that by the frames before and after,
 /// and tell how common it is that those frames show another signal.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Calibration {
+pub(crate) struct Calibration {
     /// Sums of the noise's square by both estimates where the frames show the same signal. Neighbours that are alike,
     /// by a filter or because noise takes few values, show too little.
     by_time: f64,
@@ -232,7 +232,7 @@ pub struct Calibration {
 
 impl Calibration {
     /// Returns a share of this one and another together.
-    pub fn plus_share(self, share: f64, other: Self) -> Self {
+    pub(crate) fn plus_share(self, share: f64, other: Self) -> Self {
         Self {
             by_time: share * self.by_time + other.by_time,
             nearest: share * self.nearest + other.nearest,
@@ -274,7 +274,7 @@ impl Calibration {
 }
 
 /// Calibrates by a row of neighbourhoods.
-pub struct Calibrate<'a> {
+pub(crate) struct Calibrate<'a> {
     pub sums: &'a Planes,
     /// Mean motions of the blocks.
     pub motions: &'a [Vec2],
@@ -284,7 +284,7 @@ pub struct Calibrate<'a> {
 
 impl Calibrate<'_> {
     /// Rows and columns of neighbourhoods of which one is taken, so that none are taken twice.
-    pub const STEP: usize = 2 * POOL + 1;
+    pub(crate) const STEP: usize = 2 * POOL + 1;
 }
 
 impl pulp::NullaryFnOnce for Calibrate<'_> {
@@ -316,7 +316,7 @@ impl pulp::NullaryFnOnce for Calibrate<'_> {
 }
 
 /// Solves for the shares of a row of blocks.
-pub struct Solve<'a> {
+pub(crate) struct Solve<'a> {
     pub sums: &'a Planes,
     /// Mean motions of the blocks.
     pub motions: &'a [Vec2],

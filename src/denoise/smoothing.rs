@@ -27,7 +27,7 @@ const LEAST_VARIANCE: f32 = 1e-8;
 
 /// Scratch of [`Smoothing::band`].
 #[derive(Debug, Default)]
-pub struct Scratch {
+pub(crate) struct Scratch {
     /// Reprojected pixels; the means of both histories, if there are two; products with alpha.
     planes: Ring,
     /// Sums over three rows.
@@ -40,7 +40,7 @@ pub struct Scratch {
 
 /// Rows of a picture that are written: the next state of the histories, the features, and the colors to be learned.
 #[derive(Debug)]
-pub struct Rows<'r> {
+pub(crate) struct Rows<'r> {
     pub pixels: &'r mut [Packed],
     pub features: &'r mut [Features],
     /// Means of the histories over few pixels, and the histories themselves.
@@ -60,7 +60,7 @@ struct Taken<'g> {
 
 /// Histories to be smoothed, and what guides that.
 #[derive(Debug, Clone, Copy)]
-pub struct Smoothing<'s> {
+pub(crate) struct Smoothing<'s> {
     pub histories: Histories<'s>,
     /// Histories over the frames that follow.
     pub ahead: Option<&'s Ahead>,
@@ -84,7 +84,7 @@ impl Smoothing<'_> {
     /// Follows the histories of a band of rows from `top` on, and takes the features from them. Returns the least and
     /// the largest color of the histories.
     #[inline(always)]
-    pub fn band(&self, top: usize, rows: Rows<'_>, scratch: &mut Scratch) -> [f32; 2] {
+    pub(crate) fn band(&self, top: usize, rows: Rows<'_>, scratch: &mut Scratch) -> [f32; 2] {
         let [width, height] = self.histories.frame.size;
         let (groups, line) = (vectors(width), line_of(width));
         let guided = self.outline.alpha.is_some();

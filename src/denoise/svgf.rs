@@ -24,7 +24,7 @@ type Pixel = [f32; 6];
 
 /// State between frames.
 #[derive(Debug, Default)]
-pub struct Svgf {
+pub(crate) struct Svgf {
     size: [usize; 2],
     history: Vec<Pixel>,
 }
@@ -46,7 +46,7 @@ fn within([width, height]: [usize; 2], at: usize, radius: i32, step: i32) -> imp
 
 impl Svgf {
     /// Forgets all, as at a cut.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         self.history.clear();
     }
 
@@ -54,7 +54,7 @@ impl Svgf {
     ///
     /// # Errors
     /// If the frame does not have as many colors, or motions, as pixels.
-    pub fn denoise(&mut self, frame: &Frame<'_>) -> Result<Denoised> {
+    pub(crate) fn denoise(&mut self, frame: &Frame<'_>) -> Result<Denoised> {
         frame.check()?;
         if self.size != frame.size {
             self.history.clear();

@@ -3,12 +3,12 @@
 use super::lanes::{LANES, Lanes};
 
 /// Features of eight pixels by channel.
-pub type Features = [Lanes; 3];
+pub(crate) type Features = [Lanes; 3];
 
 /// Colors of eight pixels, and their weights: 1 where there is a color.
-pub type Colors = [Lanes; 4];
+pub(crate) type Colors = [Lanes; 4];
 
 /// Vectors in a row of pixels.
-pub fn vectors(width: usize) -> usize {
+pub(crate) fn vectors(width: usize) -> usize {
     width.div_ceil(LANES)
 }

@@ -19,7 +19,7 @@ struct Pixel {
 
 /// Denoiser of a sequence by weighted recursive least squares.
 #[derive(Debug, Clone)]
-pub struct Wrls {
+pub(crate) struct Wrls {
     settings: Settings,
     size: [usize; 2],
     pixels: Vec<Pixel>,
@@ -36,12 +36,12 @@ impl Wrls {
     ///
     /// # Errors
     /// If a constant is out of its range.
-    pub fn new(settings: Settings) -> Result<Self> {
+    pub(crate) fn new(settings: Settings) -> Result<Self> {
         Ok(Self { settings: settings.checked()?, size: [0; 2], pixels: Vec::new() })
     }
 
     /// Forgets all, as at a cut.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         self.pixels.clear();
     }
 
@@ -49,7 +49,7 @@ impl Wrls {
     ///
     /// # Errors
     /// If the frame does not have as many colors, or motions, as pixels.
-    pub fn denoise(&mut self, frame: &Frame<'_>) -> Result<Denoised> {
+    pub(crate) fn denoise(&mut self, frame: &Frame<'_>) -> Result<Denoised> {
         let [width, height] = frame.size;
         let count = width * height;
         frame.check()?;

@@ -10,4 +10,4 @@
 
 pub mod gradient;
 pub mod loss;
-pub mod study;
+pub(crate) mod study;

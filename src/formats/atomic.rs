@@ -19,7 +19,7 @@ const MOST_LINKS: usize = 40;
 /// then written again under the lock loses nothing that another process writes meanwhile. File systems without locks
 /// let everybody pass.
 #[must_use]
-pub fn lock_folder(path: &Path) -> Option<File> {
+pub(crate) fn lock_folder(path: &Path) -> Option<File> {
     let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
     let folder = File::open(path).ok()?;
     rustix::fs::flock(&folder, rustix::fs::FlockOperation::LockExclusive).ok()?;
@@ -28,7 +28,7 @@ pub fn lock_folder(path: &Path) -> Option<File> {
 
 /// An output file that is not yet in its place.
 #[derive(Debug)]
-pub struct Draft {
+pub(crate) struct Draft {
     temporary: TemporaryFile,
     /// Path as the user named it, for error messages.
     named: PathBuf,
@@ -42,7 +42,7 @@ impl Draft {
     /// # Errors
     /// If a folder, a device, a pipe, a socket or an input of the command stands there, or the folder does not exist or
     /// cannot be written to.
-    pub fn begin(path: &Path) -> Result<Self> {
+    pub(crate) fn begin(path: &Path) -> Result<Self> {
         let place = followed(path)?;
         let standing = standing(path, &place)?;
         let extension = place.extension().map(|e| format!(".{}", e.to_string_lossy())).unwrap_or_default();
@@ -56,12 +56,12 @@ impl Draft {
     }
 
     /// The open file, empty at first.
-    pub fn file(&mut self) -> &mut File {
+    pub(crate) fn file(&mut self) -> &mut File {
         self.temporary.file()
     }
 
     /// Temporary path, at which the file stands until it is complete.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         self.temporary.path()
     }
 
@@ -69,14 +69,14 @@ impl Draft {
     ///
     /// # Errors
     /// If the operating system reports an error; where space is short, the error says how much is needed.
-    pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
+    pub(crate) fn write(&mut self, bytes: &[u8]) -> Result<()> {
         let written = self.temporary.file().write_all(bytes);
         written.map_err(|e| self.unwritten(e, bytes.len() as u64))
     }
 
     /// Describes a failed write of the file. Where space is short, the error says how many bytes are `needed` in all
     /// and how many are free without this file.
-    pub fn unwritten(&mut self, error: std::io::Error, needed: u64) -> Error {
+    pub(crate) fn unwritten(&mut self, error: std::io::Error, needed: u64) -> Error {
         let mut what = format!("{error}: {needed} bytes are needed");
         if let (ErrorKind::StorageFull, Ok(free)) = (error.kind(), rustix::fs::statvfs(folder(&self.place))) {
             let own = self.temporary.file().metadata().map_or(0, |m| 512 * std::os::unix::fs::MetadataExt::blocks(&m));
@@ -90,7 +90,7 @@ impl Draft {
     /// # Errors
     /// If the file cannot be synced or renamed, in which case the old file stays, or if its folder cannot be synced
     /// afterwards.
-    pub fn commit(self) -> Result<()> {
+    pub(crate) fn commit(self) -> Result<()> {
         let Self { mut temporary, named, place } = self;
         temporary.file().sync_all().map_err(|e| unwritten(&named, e))?;
         // What is there now need not be what was there at the beginning.
@@ -104,7 +104,7 @@ impl Draft {
 ///
 /// # Errors
 /// Errors of `write` and of the operating system, with `path`.
-pub fn write(path: &Path, write: impl FnOnce(&mut Draft) -> Result<()>) -> Result<()> {
+pub(crate) fn write(path: &Path, write: impl FnOnce(&mut Draft) -> Result<()>) -> Result<()> {
     let mut draft = Draft::begin(path)?;
     write(&mut draft).map_err(|e| e.at(path))?;
     draft.commit()
@@ -114,7 +114,7 @@ pub fn write(path: &Path, write: impl FnOnce(&mut Draft) -> Result<()>) -> Resul
 ///
 /// # Errors
 /// The conditions are those of [`write()`].
-pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write(path, |draft| draft.write(bytes))
 }
 
@@ -122,7 +122,7 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
 ///
 /// # Errors
 /// The conditions are those of [`Draft::begin`].
-pub fn probe(path: &Path) -> Result<()> {
+pub(crate) fn probe(path: &Path) -> Result<()> {
     Draft::begin(path).map(drop)
 }
 
@@ -131,7 +131,7 @@ pub fn probe(path: &Path) -> Result<()> {
 /// Each file waits in a temporary folder beside its place. If one cannot be put into place, those before it are removed
 /// again, and the files that they had replaced are restored.
 #[derive(Debug, Default)]
-pub struct Batch {
+pub(crate) struct Batch {
     waiting: BTreeMap<PathBuf, TemporaryFolder>,
     /// Folders that were created for the batch, outermost first; empty ones are removed if the batch fails.
     made: Vec<PathBuf>,
@@ -148,7 +148,7 @@ struct Waiting {
 
 impl Batch {
     /// An empty batch.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self::default()
     }
 
@@ -156,7 +156,7 @@ impl Batch {
     ///
     /// # Errors
     /// If a folder cannot be created, or a file bears its name; the error names it.
-    pub fn make_folder(&mut self, path: &Path) -> Result<()> {
+    pub(crate) fn make_folder(&mut self, path: &Path) -> Result<()> {
         let mut missing: Vec<PathBuf> = Vec::new();
         let mut at = Some(path);
         while let Some(folder) = at.filter(|f| !f.as_os_str().is_empty() && !f.exists()) {
@@ -188,7 +188,7 @@ impl Batch {
     ///
     /// # Errors
     /// The conditions are those of [`Draft::begin`].
-    pub fn add(&mut self, path: &Path) -> Result<PathBuf> {
+    pub(crate) fn add(&mut self, path: &Path) -> Result<PathBuf> {
         let place = followed(path)?;
         let folder = folder(&place).to_path_buf();
         let number = self.files.len();
@@ -208,7 +208,7 @@ impl Batch {
     /// # Errors
     /// If a file cannot be put into place, in which case all others are restored, or if a folder cannot be synced
     /// afterwards; the error names it.
-    pub fn commit(mut self) -> Result<()> {
+    pub(crate) fn commit(mut self) -> Result<()> {
         // A signal waits until all files are in their places, or none is.
         temporary::undisturbed(|| self.place_all())?;
         self.committed = true;

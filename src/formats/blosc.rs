@@ -71,7 +71,7 @@ impl Header {
 ///
 /// # Errors
 /// If the frame is damaged, unpacks to more than `most` bytes or to none, or is packed by another codec.
-pub fn decompress(frame: &[u8], most: usize, out: &mut Vec<u8>) -> Result<()> {
+pub(crate) fn decompress(frame: &[u8], most: usize, out: &mut Vec<u8>) -> Result<()> {
     let header = Header::read(frame)?;
     if header.bytes == 0 || header.bytes > most {
         return Err(damaged(format!("a Blosc frame of {} bytes; 1 to {most} are expected", header.bytes)));

@@ -9,14 +9,15 @@ use std::io::Read;
 use std::path::Path;
 
 /// Advice on text that is not valid JSON.
-pub const JSON_REMEDY: &str = "correct the text at that line and column, or write the file again where it was made";
+pub(crate) const JSON_REMEDY: &str =
+    "correct the text at that line and column, or write the file again where it was made";
 
 /// Opens a regular file for reading. Others are refused before they are opened: a FIFO would block until somebody
 /// writes to it, and a device may have no end.
 ///
 /// # Errors
 /// If the file does not exist, is a folder, a device, a FIFO or a socket, or cannot be opened.
-pub fn open(path: &Path) -> Result<File> {
+pub(crate) fn open(path: &Path) -> Result<File> {
     let regular = |metadata: std::fs::Metadata| {
         if metadata.is_file() {
             return Ok(());
@@ -60,7 +61,7 @@ fn kind(_: &std::fs::Metadata) -> &'static str {
 ///
 /// # Errors
 /// If [`open`] fails, the file cannot be read, or it has more than `most` bytes.
-pub fn bytes(path: &Path, most: u64, what: &str) -> Result<Vec<u8>> {
+pub(crate) fn bytes(path: &Path, most: u64, what: &str) -> Result<Vec<u8>> {
     let file = open(path)?;
     let stated = file.metadata().map_err(|e| Error::io(path, e))?.len();
     let mut bytes = Vec::new();
@@ -81,7 +82,7 @@ pub fn bytes(path: &Path, most: u64, what: &str) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// If an upper estimate of the values' memory exceeds the limits.
-pub fn check_json_memory(text: &[u8], limits: Limits) -> Result<()> {
+pub(crate) fn check_json_memory(text: &[u8], limits: Limits) -> Result<()> {
     let needed = json_memory(text);
     if needed <= limits.max_memory {
         return Ok(());

@@ -1,29 +1,29 @@
 //! File formats, read and written. No module here knows a renderer.
 
-pub mod atomic;
-pub mod blosc;
+pub(crate) mod atomic;
+pub(crate) mod blosc;
 pub mod captures;
 pub mod colmap;
 pub mod exr;
 pub mod imaging;
-pub mod input;
+pub(crate) mod input;
 pub mod limits;
 pub mod nanovdb;
 pub mod npy;
 pub mod picture;
 pub mod png;
-pub mod problem;
-pub mod protected;
-pub mod reading;
+pub(crate) mod problem;
+pub(crate) mod protected;
+pub(crate) mod reading;
 pub mod sample;
 pub mod scene_file;
 pub mod sequence;
-pub mod temporary;
+pub(crate) mod temporary;
 pub mod transfer;
 pub mod transforms;
 pub mod usd;
 pub mod vdb;
-pub mod video;
+pub(crate) mod video;
 pub mod views;
 
 use crate::error::{Code, Error, Result};

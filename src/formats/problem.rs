@@ -20,13 +20,13 @@ pub struct Problem {
 
 impl Problem {
     /// A problem of the whole file, whose settings are named by the words of the process's face.
-    pub fn new(what: impl Into<String>, remedy: impl Into<String>) -> Self {
+    pub(crate) fn new(what: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { part: None, what: worded(&what.into()).into(), remedy: worded(&remedy.into()).into() }
     }
 
     /// Names the place in the file.
     #[must_use]
-    pub fn part(self, part: impl Into<String>) -> Self {
+    pub(crate) fn part(self, part: impl Into<String>) -> Self {
         Self { part: Some(part.into()), ..self }
     }
 
@@ -34,7 +34,7 @@ impl Problem {
     ///
     /// # Errors
     /// An error of the operating system is handed back, because it says nothing of the file's content.
-    pub fn of(error: Error) -> Result<Self> {
+    pub(crate) fn of(error: Error) -> Result<Self> {
         if error.kind() == Kind::Io {
             return Err(error);
         }

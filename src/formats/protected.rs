@@ -28,12 +28,12 @@ fn identity(metadata: &Metadata) -> Identity {
 }
 
 /// Protects every file that is opened from now on.
-pub fn watch() {
+pub(crate) fn watch() {
     WATCHING.store(true, Ordering::Relaxed);
 }
 
 /// Protects a file. A path at which no file lies protects nothing.
-pub fn add(path: &Path) {
+pub(crate) fn add(path: &Path) {
     if let Ok(metadata) = std::fs::metadata(path).as_ref().map(identity) {
         files().entry(metadata).or_insert_with(|| path.to_path_buf());
     }
@@ -47,7 +47,7 @@ pub(super) fn opened(path: &Path, metadata: &Metadata) {
 }
 
 /// Reads a file that is an output of an earlier run, and may be replaced all the same unless it was protected before.
-pub fn unprotected<T>(path: &Path, read: impl FnOnce() -> T) -> T {
+pub(crate) fn unprotected<T>(path: &Path, read: impl FnOnce() -> T) -> T {
     let before = std::fs::metadata(path).ok().map(|metadata| identity(&metadata));
     let is_input = before.is_some_and(|identity| files().contains_key(&identity));
     let result = read();
@@ -61,7 +61,7 @@ pub fn unprotected<T>(path: &Path, read: impl FnOnce() -> T) -> T {
 ///
 /// # Errors
 /// If one does; the error names both.
-pub fn check(output: &Path) -> Result<()> {
+pub(crate) fn check(output: &Path) -> Result<()> {
     std::fs::metadata(output).map_or(Ok(()), |metadata| refuse(output, &metadata))
 }
 

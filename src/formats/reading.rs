@@ -9,11 +9,11 @@ static READING: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 /// Marks a file as being read for as long as the value lives.
 #[derive(Debug)]
 #[must_use]
-pub struct Reading(PathBuf);
+pub(crate) struct Reading(PathBuf);
 
 impl Reading {
     /// Marks a file as being read from now on.
-    pub fn begin(path: &Path) -> Self {
+    pub(crate) fn begin(path: &Path) -> Self {
         if let Ok(mut all) = READING.lock() {
             all.push(path.to_path_buf());
         }
@@ -37,11 +37,11 @@ static NAMES: Mutex<Vec<(PathBuf, PathBuf)>> = Mutex::new(Vec::new());
 /// Gives a file another name in messages for as long as the value lives.
 #[derive(Debug)]
 #[must_use]
-pub struct KnownAs(PathBuf);
+pub(crate) struct KnownAs(PathBuf);
 
 impl KnownAs {
     /// Has the file `place` named `shown` from now on.
-    pub fn begin(place: &Path, shown: &Path) -> Self {
+    pub(crate) fn begin(place: &Path, shown: &Path) -> Self {
         if let Ok(mut all) = NAMES.lock() {
             all.push((place.to_path_buf(), shown.to_path_buf()));
         }
@@ -59,7 +59,7 @@ impl Drop for KnownAs {
 
 /// The file whose reading began last and has not ended, by the name that the user knows; `None` if there is none or the
 /// list is locked.
-pub fn latest() -> Option<PathBuf> {
+pub(crate) fn latest() -> Option<PathBuf> {
     let latest = READING.try_lock().ok()?.last().cloned()?;
     let names = NAMES.try_lock().ok()?;
     let known = names.iter().find(|(place, _)| *place == latest).map(|(_, shown)| shown.clone());

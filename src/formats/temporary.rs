@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
 
 /// Prefix of the names of all temporary files and folders.
-pub const PREFIX: &str = ".cumulo-";
+pub(crate) const PREFIX: &str = ".cumulo-";
 
 static LISTED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
@@ -32,7 +32,7 @@ impl Drop for Listed {
 
 /// An open file under a temporary name, which is removed on drop unless it was renamed.
 #[derive(Debug)]
-pub struct TemporaryFile {
+pub(crate) struct TemporaryFile {
     /// Fields drop in order of declaration: first the file, then its entry in the list.
     inner: tempfile::NamedTempFile,
     place: Listed,
@@ -44,7 +44,7 @@ impl TemporaryFile {
     ///
     /// # Errors
     /// If the operating system does not create the file.
-    pub fn new(folder: &Path, extension: &str) -> std::io::Result<Self> {
+    pub(crate) fn new(folder: &Path, extension: &str) -> std::io::Result<Self> {
         let mut options = std::fs::OpenOptions::new();
         options.read(true).write(true).create_new(true);
         // [`remove_all`] takes the list and never returns it, so that no file is created afterwards.
@@ -60,12 +60,12 @@ impl TemporaryFile {
     }
 
     /// The open file, for reading and writing.
-    pub fn file(&mut self) -> &mut File {
+    pub(crate) fn file(&mut self) -> &mut File {
         self.inner.as_file_mut()
     }
 
     /// Temporary path of the file.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.place.0
     }
 
@@ -73,7 +73,7 @@ impl TemporaryFile {
     ///
     /// # Errors
     /// If the operating system refuses, in which case the temporary file is removed.
-    pub fn rename(self, to: &Path) -> std::io::Result<()> {
+    pub(crate) fn rename(self, to: &Path) -> std::io::Result<()> {
         undisturbed(|| std::fs::rename(&self.place.0, to))?;
         // No file has the temporary name any more, so nothing is left to remove.
         let (_, path) = self.inner.into_parts();
@@ -84,7 +84,7 @@ impl TemporaryFile {
 
 /// A folder under a temporary name, which is removed with its content on drop.
 #[derive(Debug)]
-pub struct TemporaryFolder {
+pub(crate) struct TemporaryFolder {
     inner: tempfile::TempDir,
     _place: Listed,
 }
@@ -94,7 +94,7 @@ impl TemporaryFolder {
     ///
     /// # Errors
     /// If the operating system does not create it; the error names `folder`.
-    pub fn new(folder: &Path) -> Result<Self> {
+    pub(crate) fn new(folder: &Path) -> Result<Self> {
         let mut list = listed();
         let made = tempfile::Builder::new().prefix(PREFIX).tempdir_in(folder);
         let inner = made.map_err(|e| {
@@ -110,13 +110,13 @@ impl TemporaryFolder {
     }
 
     /// Temporary path of the folder.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         self.inner.path()
     }
 }
 
 /// Renames files at a moment at which [`remove_all`] does not remove them: before it, or never.
-pub fn undisturbed<T>(rename: impl FnOnce() -> T) -> T {
+pub(crate) fn undisturbed<T>(rename: impl FnOnce() -> T) -> T {
     let _list = listed();
     rename()
 }
@@ -124,7 +124,7 @@ pub fn undisturbed<T>(rename: impl FnOnce() -> T) -> T {
 /// Removes all registered files and folders at the end of the program, once nothing temporary is being created or
 /// renamed. Nothing temporary can be created or renamed afterwards: threads that try wait for ever. After `patience`
 /// the files are left: the calling thread itself may be the one that was creating one.
-pub fn remove_all(patience: Duration) {
+pub(crate) fn remove_all(patience: Duration) {
     let begun = Instant::now();
     let list = loop {
         match LISTED.try_lock() {

@@ -15,7 +15,7 @@ const BOXES: [&[u8]; 5] = [b"ftyp", b"moov", b"mdat", b"wide", b"free"];
 ///
 /// # Errors
 /// If the file cannot be read.
-pub fn is_video(path: &Path) -> Result<bool> {
+pub(crate) fn is_video(path: &Path) -> Result<bool> {
     let mut start = Vec::with_capacity(12);
     input::open(path)?.take(12).read_to_end(&mut start).map_err(|e| Error::io(path, e))?;
     let at = |from: usize, what: &[u8]| start.get(from..from + what.len()) == Some(what);
@@ -28,7 +28,7 @@ pub fn is_video(path: &Path) -> Result<bool> {
 ///
 /// # Errors
 /// If `ffmpeg` is not installed or cannot decode the video, or the video has no such frame.
-pub fn write_frame(video: &Path, frame: u32, png: &Path) -> Result<()> {
+pub(crate) fn write_frame(video: &Path, frame: u32, png: &Path) -> Result<()> {
     let mut source = std::ffi::OsString::from("file:");
     source.push(video);
     let done = Command::new("ffmpeg")

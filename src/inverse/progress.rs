@@ -30,7 +30,7 @@ pub struct Stage {
 }
 
 /// Steps of a reconstruction so far, which are reported one by one.
-pub struct Progress<'w> {
+pub(crate) struct Progress<'w> {
     begun: Instant,
     /// Steps so far.
     pub history: Vec<Step>,
@@ -43,12 +43,12 @@ pub struct Progress<'w> {
 
 impl<'w> Progress<'w> {
     /// Begins now; `watch` is called with every step and may stop the work.
-    pub fn new(watch: &'w mut dyn FnMut(&Step) -> ControlFlow<()>) -> Self {
+    pub(crate) fn new(watch: &'w mut dyn FnMut(&Step) -> ControlFlow<()>) -> Self {
         Self { begun: Instant::now(), history: Vec::new(), stages: Vec::new(), stopped: false, watch }
     }
 
     /// Reports a step on a level, 0 the finest.
-    pub fn step(&mut self, level: u32, loss: f64, held_out_psnr_db: Option<f64>) {
+    pub(crate) fn step(&mut self, level: u32, loss: f64, held_out_psnr_db: Option<f64>) {
         let iteration = self.history.len() as u32 + 1;
         let step = Step { level, iteration, seconds: self.begun.elapsed().as_secs_f64(), loss, held_out_psnr_db };
         self.history.push(step);
@@ -56,12 +56,12 @@ impl<'w> Progress<'w> {
     }
 
     /// Reports a step of other work that keeps its own history.
-    pub fn watch(&mut self, step: &Step) -> ControlFlow<()> {
+    pub(crate) fn watch(&mut self, step: &Step) -> ControlFlow<()> {
         (self.watch)(step)
     }
 
     /// Notes the time of a stage.
-    pub fn stage(&mut self, name: impl Into<String>, since: Instant) {
+    pub(crate) fn stage(&mut self, name: impl Into<String>, since: Instant) {
         self.stages.push(Stage { name: name.into(), seconds: since.elapsed().as_secs_f64() });
     }
 }

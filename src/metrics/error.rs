@@ -7,7 +7,7 @@ const RELATIVE_FLOOR: f64 = 0.01;
 
 /// Errors of the colors of two films.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Errors {
+pub(crate) struct Errors {
     /// Mean squared difference over pixels and color channels.
     pub mse: f64,
     /// Relative mean squared error: the mean of (a - b)² / (b² + 0.01) over pixels and color channels.
@@ -20,7 +20,7 @@ pub struct Errors {
 
 /// Errors of `a` against the reference `b` of equal size.
 /// Means are over `pixels` pixels, which may be fewer than all if both films are equal in the others.
-pub fn colors(a: &Film, b: &Film, pixels: usize) -> Errors {
+pub(crate) fn colors(a: &Film, b: &Film, pixels: usize) -> Errors {
     let (mut square, mut relative, mut max_abs, mut alpha_max_abs) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
     for (p, q) in a.rgba.iter().zip(&b.rgba) {
         for c in 0..3 {
@@ -37,24 +37,24 @@ pub fn colors(a: &Film, b: &Film, pixels: usize) -> Errors {
 }
 
 /// Root mean square difference of two planes of equal length; 0 for empty planes.
-pub fn rms(a: &[f32], b: &[f32]) -> f64 {
+pub(crate) fn rms(a: &[f32], b: &[f32]) -> f64 {
     let sum: f64 = a.iter().zip(b).map(|(x, y)| (f64::from(*x) - f64::from(*y)).powi(2)).sum();
     (sum / a.len().max(1) as f64).sqrt()
 }
 
 /// Largest absolute difference of two planes of equal length.
-pub fn max_abs(a: &[f32], b: &[f32]) -> f64 {
+pub(crate) fn max_abs(a: &[f32], b: &[f32]) -> f64 {
     a.iter().zip(b).map(|(x, y)| (f64::from(*x) - f64::from(*y)).abs()).fold(0.0, f64::max)
 }
 
 /// Peak signal-to-noise ratio in dB of a mean squared error; infinite where the error is 0.
-pub fn psnr_db(mse: f64, peak: f64) -> f64 {
+pub(crate) fn psnr_db(mse: f64, peak: f64) -> f64 {
     if mse == 0.0 { f64::INFINITY } else { 10.0 * (peak * peak / mse).log10() }
 }
 
 /// Peak signal-to-noise ratio in dB of a mean squared error, peak 1; at most 200 dB, beyond which differences are those
 /// of rounding.
-pub fn unit_psnr_db(mse: f64) -> f64 {
+pub(crate) fn unit_psnr_db(mse: f64) -> f64 {
     -10.0 * mse.max(1e-20).log10()
 }
 

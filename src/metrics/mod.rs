@@ -3,11 +3,11 @@
 //! Pictures are compared by their color channels in scene-linear values; alpha has a separate figure. Pixels in which
 //! either picture has a NaN or infinite sample are left out and counted.
 
-pub mod error;
-pub mod flicker;
-pub mod flip;
-pub mod heatmap;
-pub mod ssim;
+pub(crate) mod error;
+pub(crate) mod flicker;
+pub(crate) mod flip;
+pub(crate) mod heatmap;
+pub(crate) mod ssim;
 pub mod statistical;
 pub mod volume;
 

@@ -17,7 +17,7 @@ const K1: f64 = 0.01;
 const K2: f64 = 0.03;
 
 /// Mean similarity of the three color channels; `peak` is the range of the signal.
-pub fn films(a: &Film, b: &Film, peak: f64) -> f64 {
+pub(crate) fn films(a: &Film, b: &Film, peak: f64) -> f64 {
     let plane = |f: &Film, c: usize| f.rgba.iter().map(|p| p[c]).collect::<Vec<f32>>();
     (0..3).map(|c| planes(&plane(a, c), &plane(b, c), a.width, peak)).sum::<f64>() / 3.0
 }
@@ -27,13 +27,13 @@ const BAND: usize = 32;
 
 /// Upper bound in bytes of the memory that [`films`] needs beside one plane of each film, for rows of `width` pixels.
 /// Each thread holds five means of the rows of a band, and one row-wise mean of the rows that the band's windows reach.
-pub fn working_memory(width: usize) -> u64 {
+pub(crate) fn working_memory(width: usize) -> u64 {
     let rows = 5 * BAND + BAND + 2 * RADIUS + 2;
     (rayon::current_num_threads() * rows * size_of::<f64>()) as u64 * width as u64
 }
 
 /// Similarity of two planes with rows of `width` pixels; 1 for identical and for empty planes.
-pub fn planes(a: &[f32], b: &[f32], width: usize, peak: f64) -> f64 {
+pub(crate) fn planes(a: &[f32], b: &[f32], width: usize, peak: f64) -> f64 {
     let height = a.len().checked_div(width).unwrap_or(0);
     if height == 0 || a == b {
         return 1.0;
@@ -86,7 +86,7 @@ fn blurred_rows(value: impl Fn(usize) -> f64, width: usize, height: usize, rows:
 }
 
 /// Similarity of two planes, and its derivative with respect to each pixel of `a`.
-pub fn gradient(a: &[f64], b: &[f64], width: usize, peak: f64) -> (f64, Vec<f64>) {
+pub(crate) fn gradient(a: &[f64], b: &[f64], width: usize, peak: f64) -> (f64, Vec<f64>) {
     let height = a.len().checked_div(width).unwrap_or(0);
     if height == 0 {
         return (1.0, Vec::new());

@@ -14,7 +14,7 @@ use std::f64::consts::{FRAC_1_PI, PI};
 
 /// Bounds of what the media of a scene make of light.
 #[derive(Debug, Clone, Copy)]
-pub struct Media {
+pub(crate) struct Media {
     /// Greatest share of what is scattered towards a ray that the ray collects, by channel.
     gain: DVec3,
     /// 1 minus the gain.
@@ -27,7 +27,7 @@ pub struct Media {
 
 /// Greatest radiance of a source of light, by channel.
 #[derive(Debug, Clone, Copy)]
-pub struct Bound {
+pub(crate) struct Bound {
     /// Radiance of the first order: unscattered emission, or what one scattering makes of a light.
     pub first: DVec3,
     /// Radiance of all orders together, infinite for lights without extent.
@@ -37,7 +37,7 @@ pub struct Bound {
 impl Bound {
     /// Returns the bound with emission of this radiance along any ray, in any channel, beside it.
     #[must_use]
-    pub fn and(self, emitted: f64) -> Self {
+    pub(crate) fn and(self, emitted: f64) -> Self {
         if emitted == 0.0 {
             return self;
         }
@@ -48,7 +48,7 @@ impl Bound {
 
 impl Media {
     /// Creates the bounds of media through which no ray is deeper than `depth`.
-    pub fn new<'m>(media: impl Iterator<Item = &'m Medium>, depth: f64) -> Self {
+    pub(crate) fn new<'m>(media: impl Iterator<Item = &'m Medium>, depth: f64) -> Self {
         let opacity = -(-depth).exp_m1();
         let (mut albedo, mut peak) = (DVec3::ZERO, 0.25 / PI);
         for scattering in media.filter_map(|medium| medium.scattering) {
@@ -67,13 +67,13 @@ impl Media {
     }
 
     /// Returns the bound of light from a source of which so much arrives at most.
-    pub fn of(&self, most: Most) -> Bound {
+    pub(crate) fn of(&self, most: Most) -> Bound {
         let first = most.radiance.as_dvec3().min(self.peak * most.fluence.as_dvec3());
         Bound { first, all: most.radiance.as_dvec3() }
     }
 
     /// Returns the bound of the media's emission, where densities are at most `densest` in each medium.
-    pub fn emission<'m>(&self, media: impl Iterator<Item = (&'m Medium, f64)>) -> Bound {
+    pub(crate) fn emission<'m>(&self, media: impl Iterator<Item = (&'m Medium, f64)>) -> Bound {
         let mut bound = Bound { first: DVec3::ZERO, all: DVec3::ZERO };
         for (medium, densest) in media {
             let source = match &medium.source {
@@ -90,7 +90,7 @@ impl Media {
     }
 
     /// Returns the bound of what was scattered `orders` times or more.
-    pub fn orders_from(&self, bound: Bound, orders: u32) -> DVec3 {
+    pub(crate) fn orders_from(&self, bound: Bound, orders: u32) -> DVec3 {
         let share = self.gain.powf(orders.into());
         // Infinite light of which nothing is scattered, and 0 / 0, are nothing.
         let nothing = bound.first.cmpeq(DVec3::ZERO) | share.cmpeq(DVec3::ZERO);

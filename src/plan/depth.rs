@@ -19,7 +19,7 @@ const EDGE: usize = 8;
 /// axis of index space in which it is steepest, and moves sideways by one block in each of them at most. The bound is
 /// the greatest sum of the blocks' majorants over all such chains, bent ones among them, times the length that a ray
 /// may have in a layer.
-pub fn most<R: Real>(field: &Bricks<R>, medium: &Medium) -> f64 {
+pub(crate) fn most<R: Real>(field: &Bricks<R>, medium: &Medium) -> f64 {
     let (min, max) = field.topology.places().fold((IVec3::MAX, IVec3::MIN), |(a, b), (at, _)| (a.min(at), b.max(at)));
     if min.x > max.x {
         return 0.0;

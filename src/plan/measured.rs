@@ -52,7 +52,7 @@ impl Measured {
     ///
     /// # Errors
     /// If a medium cannot be used.
-    pub fn new(scene: &Scene, cameras: &[Camera]) -> Result<Self> {
+    pub(crate) fn new(scene: &Scene, cameras: &[Camera]) -> Result<Self> {
         let densities: Vec<_> = scene.volumes.iter().filter_map(Volume::density).collect();
         let (mut depths, mut bound) = (Vec::new(), 0.0);
         for (field, medium) in &densities {

@@ -8,11 +8,11 @@ mod bounds;
 mod depth;
 mod effect;
 mod measured;
-pub mod pilot;
+pub(crate) mod pilot;
 mod planner;
 
 pub use effect::Effect;
-pub use measured::{Depth, Measured};
+pub(crate) use measured::{Depth, Measured};
 
 use crate::error::Result;
 use crate::render::path::Limits;

@@ -19,7 +19,7 @@ const ROUNDS: usize = 3;
 
 /// Cost of a plan.
 #[derive(Debug, Clone, Copy, serde::Serialize, schemars::JsonSchema)]
-pub struct Cost {
+pub(crate) struct Cost {
     /// Seconds for each ray or path, on as many threads as there are.
     pub seconds_per_path: f64,
     /// Rays or paths of a picture.
@@ -43,7 +43,7 @@ fn small(camera: &Camera) -> Camera {
 ///
 /// # Errors
 /// If a medium or a light cannot be used.
-pub fn run(
+pub(crate) fn run(
     plan: &mut Plan,
     simplified: &Scene,
     camera: &Camera,

@@ -56,7 +56,7 @@ impl<'p> Planner<'p> {
     ///
     /// # Errors
     /// If an effect is kept by force that the scene does not have.
-    pub fn new(scene: &'p Scene, measured: Measured, request: &'p Request) -> Result<Self> {
+    pub(crate) fn new(scene: &'p Scene, measured: Measured, request: &'p Request) -> Result<Self> {
         let lights = scene.lights.len();
         let missing = |effect: &&Effect| matches!(effect, Effect::Light(number) if *number >= lights);
         if let Some(effect) = request.force.iter().find(missing) {
@@ -86,7 +86,7 @@ impl<'p> Planner<'p> {
     }
 
     /// Decides on all effects.
-    pub fn plan(mut self) -> Plan {
+    pub(crate) fn plan(mut self) -> Plan {
         let scattering = self.scattering();
         self.emission();
         self.lights(scattering);

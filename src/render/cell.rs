@@ -22,7 +22,7 @@ pub struct Quartet<R: Real> {
 impl<R: Real> Quartet<R> {
     /// Returns `Σ w v` over all cells as one partial sum per lane.
     #[inline(always)]
-    pub fn gather(&self, values: &[R]) -> R::Lanes {
+    pub(crate) fn gather(&self, values: &[R]) -> R::Lanes {
         let cell = |i: usize| {
             let (v, w) = (corners(values, self.offset[i] as usize), &self.weights[i]);
             w[0] * v[0] + w[1] * v[1]
@@ -32,7 +32,7 @@ impl<R: Real> Quartet<R> {
 
     /// Returns the ray's length in one of the cells, in world units, and the integral of the density over it.
     #[inline(always)]
-    pub fn cell(&self, i: usize, values: &[R]) -> [f64; 2] {
+    pub(crate) fn cell(&self, i: usize, values: &[R]) -> [f64; 2] {
         let (v, w) = (corners(values, self.offset[i] as usize), &self.weights[i]);
         // Interpolation weights sum to 1.
         [(w[0] + w[1]).sum().f64(), (w[0] * v[0] + w[1] * v[1]).sum().f64()]
@@ -40,14 +40,14 @@ impl<R: Real> Quartet<R> {
 
     /// Returns the ray's length in all cells, in world units.
     #[inline(always)]
-    pub fn length(&self) -> f64 {
+    pub(crate) fn length(&self) -> f64 {
         // Interpolation weights sum to 1.
         self.weights.iter().map(|w| (w[0] + w[1]).sum().f64()).sum()
     }
 
     /// Adds `g w` to `values`: the transpose of [`Quartet::gather`].
     #[inline(always)]
-    pub fn scatter(&self, values: &mut [R], g: R) {
+    pub(crate) fn scatter(&self, values: &mut [R], g: R) {
         for (offset, w) in self.offset.iter().zip(&self.weights) {
             scatter(values, *offset as usize, g, w);
         }
@@ -64,7 +64,7 @@ pub(super) const REACH: usize = slot(1, 1, 1) + 1;
 
 /// Returns the values at a cell's corners, in the order of their weights.
 #[inline(always)]
-pub fn corners<R: Real>(values: &[R], offset: usize) -> [R::Lanes; 2] {
+pub(crate) fn corners<R: Real>(values: &[R], offset: usize) -> [R::Lanes; 2] {
     let v = &values[offset..offset + REACH];
     let load = |[a, b, c, d]: [usize; LANES]| R::Lanes::load([v[a], v[b], v[c], v[d]]);
     [load(CORNERS[0]), load(CORNERS[1])]
@@ -72,13 +72,13 @@ pub fn corners<R: Real>(values: &[R], offset: usize) -> [R::Lanes; 2] {
 
 /// Returns `Σ w v`, the interpolated value.
 #[inline(always)]
-pub fn gather<R: Real>(w: &[R::Lanes; 2], v: &[R::Lanes; 2]) -> R {
+pub(crate) fn gather<R: Real>(w: &[R::Lanes; 2], v: &[R::Lanes; 2]) -> R {
     (w[0] * v[0] + w[1] * v[1]).sum()
 }
 
 /// Adds `g w` to `values`: the transpose of [`gather`].
 #[inline(always)]
-pub fn scatter<R: Real>(values: &mut [R], offset: usize, g: R, w: &[R::Lanes; 2]) {
+pub(crate) fn scatter<R: Real>(values: &mut [R], offset: usize, g: R, w: &[R::Lanes; 2]) {
     let v = &mut values[offset..offset + REACH];
     // All are loaded before any is stored: compilers make two loads and two stores of each four.
     for ([a, b, c, d], w) in CORNERS.into_iter().zip(w) {
@@ -90,7 +90,7 @@ pub fn scatter<R: Real>(values: &mut [R], offset: usize, g: R, w: &[R::Lanes; 2]
 /// Returns the interpolated values at four points, from the offsets of their cells' lowest corners and their cell-local
 /// coordinates.
 #[inline(always)]
-pub fn interpolated<R: Real>(values: &[R], offset: [u32; LANES], [x, y, z]: [R::Lanes; 3]) -> R::Lanes {
+pub(crate) fn interpolated<R: Real>(values: &[R], offset: [u32; LANES], [x, y, z]: [R::Lanes; 3]) -> R::Lanes {
     let along = x.store();
     let column = |i: usize| {
         let [near, far] = corners(values, offset[i] as usize);
@@ -103,7 +103,7 @@ pub fn interpolated<R: Real>(values: &[R], offset: [u32; LANES], [x, y, z]: [R::
 
 /// Returns the trilinear weights at cell-local coordinates `m`, each from 0 to 1.
 #[inline(always)]
-pub fn weights<R: Real>(m: [R; 3]) -> [R::Lanes; 2] {
+pub(crate) fn weights<R: Real>(m: [R; 3]) -> [R::Lanes; 2] {
     let n = [R::ONE - m[0], R::ONE - m[1], R::ONE - m[2]];
     let yz = R::Lanes::load([n[1] * n[2], n[1] * m[2], m[1] * n[2], m[1] * m[2]]);
     let far = yz * R::Lanes::splat(m[0]);

@@ -3,20 +3,20 @@
 
 /// Returns the value at `v`.
 #[inline(always)]
-pub fn at([a, b, c, d]: [f64; 4], v: f64) -> f64 {
+pub(crate) fn at([a, b, c, d]: [f64; 4], v: f64) -> f64 {
     a + v * (b + v * (c + v * d))
 }
 
 /// Returns the mean over `from..until`.
 #[inline(always)]
-pub fn mean([a, b, c, d]: [f64; 4], from: f64, until: f64) -> f64 {
+pub(crate) fn mean([a, b, c, d]: [f64; 4], from: f64, until: f64) -> f64 {
     let (m, h) = (0.5 * (from + until), 0.5 * (until - from));
     let h2 = h * h * (1.0 / 3.0);
     a + b * m + c * (m * m + h2) + d * m * (m * m + 3.0 * h2)
 }
 
 /// Returns the ends of the intervals of -1..1 on which a cubic is monotone, ascending from -1; unused entries are 1.
-pub fn turns([_, b, c, d]: [f64; 4]) -> [f64; 4] {
+pub(crate) fn turns([_, b, c, d]: [f64; 4]) -> [f64; 4] {
     let mut ends = [-1.0, 1.0, 1.0, 1.0];
     // Roots of b + 2 c v + 3 d v², without cancellation.
     let discriminant = c * c - 3.0 * b * d;
@@ -36,7 +36,7 @@ pub fn turns([_, b, c, d]: [f64; 4]) -> [f64; 4] {
 
 /// Returns the argument between `low` and `high` at which the cubic takes `value`. The cubic must be monotone there and
 /// take the value. Newton's method, with bisection where a step leaves the bracket.
-pub fn crossing(cubic: [f64; 4], value: f64, mut low: f64, mut high: f64) -> f64 {
+pub(crate) fn crossing(cubic: [f64; 4], value: f64, mut low: f64, mut high: f64) -> f64 {
     let [_, b, c, d] = cubic;
     let (at_low, at_high) = (at(cubic, low) - value, at(cubic, high) - value);
     if at_low == at_high {

@@ -7,7 +7,7 @@ use crate::scene::table::Table;
 
 /// One linear piece of a [`Curve`]. It begins where the previous one ends; the outermost pieces extend to infinity.
 #[derive(Debug, Clone, Copy)]
-pub struct Piece<R, const C: usize> {
+pub(crate) struct Piece<R, const C: usize> {
     /// Density at the lower end.
     pub low: R,
     /// Density at the upper end.
@@ -31,37 +31,37 @@ pub struct Piece<R, const C: usize> {
 impl<R: Real, const C: usize> Piece<R, C> {
     /// Returns the weight of the upper end's value in the value at a density; the lower end has the rest.
     #[inline(always)]
-    pub fn fraction(&self, density: R) -> R {
+    pub(crate) fn fraction(&self, density: R) -> R {
         self.upper + (density - self.base) * self.inverse_width
     }
 
     /// Returns the derivative of [`Piece::fraction`] with respect to the density.
     #[inline(always)]
-    pub fn fraction_slope(&self) -> R {
+    pub(crate) fn fraction_slope(&self) -> R {
         self.inverse_width
     }
 
     /// Returns extinction and source at a density, extrapolated from this piece.
-    pub fn side(&self, density: R) -> Side<C> {
+    pub(crate) fn side(&self, density: R) -> Side<C> {
         let at = |[at_base, slope]: [R; 2]| at_base.f64() + slope.f64() * (density - self.base).f64();
         Side { extinction: at(self.extinction), source: self.source.map(at) }
     }
 
     /// True if the piece has no width: it lies between the two coincident knots of a step.
-    pub fn is_step(&self) -> bool {
+    pub(crate) fn is_step(&self) -> bool {
         self.low == self.high
     }
 
     /// True if the piece neither absorbs nor emits anywhere.
     #[inline(always)]
-    pub fn is_clear(&self) -> bool {
+    pub(crate) fn is_clear(&self) -> bool {
         self.extinction[0] == R::ZERO && self.extinction[1] == R::ZERO
     }
 }
 
 /// Extinction and source at one side of a step.
 #[derive(Debug, Clone, Copy)]
-pub struct Side<const C: usize> {
+pub(crate) struct Side<const C: usize> {
     /// Extinction.
     pub extinction: f64,
     /// Radiance of the source.
@@ -71,7 +71,7 @@ pub struct Side<const C: usize> {
 impl<const C: usize> Side<C> {
     /// Returns extinction, and extinction times source by channel, on this side of a step; then the same quantities
     /// minus their means over a linear ramp to the other side.
-    pub fn beside(&self, other: &Self) -> [(f64, [f64; C]); 2] {
+    pub(crate) fn beside(&self, other: &Self) -> [(f64, [f64; C]); 2] {
         let (a, b) = (self, other);
         let emitted = std::array::from_fn(|c| a.extinction * a.source[c]);
         // The mean of a product of two linear functions.
@@ -131,7 +131,7 @@ const MOST_BUCKETS: usize = 1 << 18;
 impl<R: Real> Curve<R, 1> {
     /// Creates a curve of one piece: extinction proportional to the density, and one channel of source, `source[0] +
     /// source[1] · density`.
-    pub fn line(extinction: f64, source: [f64; 2]) -> Self {
+    pub(crate) fn line(extinction: f64, source: [f64; 2]) -> Self {
         let (least, most) = (R::of(f64::MIN), R::of(f64::MAX));
         let piece = Piece {
             low: least,
@@ -157,7 +157,7 @@ impl<R: Real> Curve<R, 1> {
 
 impl<R: Real> Curve<R, 3> {
     /// Creates the curve of a transfer function's table, its extinction times `scale`.
-    pub fn new(table: &Table, scale: f64) -> Self {
+    pub(crate) fn new(table: &Table, scale: f64) -> Self {
         let last = table.knots().len();
         let piece = |p: usize| {
             let ([low, high], [value, _]) = table.ends(p);
@@ -217,7 +217,7 @@ impl<R: Real> Curve<R, 3> {
     /// Returns red, green, blue and extinction at four densities; of a density less than 1e-4 of a piece below a knot,
     /// on the line of the piece above it.
     #[inline(always)]
-    pub fn source_and_extinction(&self, density: R::Lanes) -> [R::Lanes; 4] {
+    pub(crate) fn source_and_extinction(&self, density: R::Lanes) -> [R::Lanes; 4] {
         let (found, density) = (self.find_all(density), density.store());
         let at = |i: usize| self.lines[found[i] as usize].at(density[i]);
         R::Lanes::transpose([at(0), at(1), at(2), at(3)])
@@ -227,7 +227,7 @@ impl<R: Real> Curve<R, 3> {
 impl<R: Real, const C: usize> Curve<R, C> {
     /// Returns the number of the piece with `low <= density < high`.
     #[inline(always)]
-    pub fn find(&self, density: R) -> u32 {
+    pub(crate) fn find(&self, density: R) -> u32 {
         let scaled = (density - self.first) * self.buckets_per_density;
         self.search(density, scaled.f64() as usize)
     }
@@ -235,7 +235,7 @@ impl<R: Real, const C: usize> Curve<R, C> {
     /// Returns the numbers of the pieces of four densities. Where knots are evenly spaced, a density less than 1e-4 of
     /// a piece below a knot may be given the piece above it.
     #[inline(always)]
-    pub fn find_all(&self, density: R::Lanes) -> [u32; LANES] {
+    pub(crate) fn find_all(&self, density: R::Lanes) -> [u32; LANES] {
         let all = <R::Lanes as Lanes<R>>::splat;
         // A little more, so that knots belong to the piece above them.
         let half = R::of(0.5 + 1.0 / 16384.0);
@@ -267,18 +267,18 @@ impl<R: Real, const C: usize> Curve<R, C> {
 
     /// Returns a piece by its number.
     #[inline(always)]
-    pub fn piece(&self, number: u32) -> &Piece<R, C> {
+    pub(crate) fn piece(&self, number: u32) -> &Piece<R, C> {
         &self.pieces[number as usize]
     }
 
     /// Returns the number of pieces.
     #[inline(always)]
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.pieces.len()
     }
 
     /// Returns false: a curve has at least one piece.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.pieces.is_empty()
     }
 }

@@ -7,16 +7,16 @@ use crate::real::Real;
 use crate::real::{LANES, Lanes};
 
 /// Quadrature points on 0..1.
-pub const NODES: [f64; LANES] =
+pub(crate) const NODES: [f64; LANES] =
     [0.069_431_844_202_973_71, 0.330_009_478_207_571_87, 0.669_990_521_792_428_1, 0.930_568_155_797_026_3];
 
 /// Quadrature weights of [`NODES`].
-pub const WEIGHTS: [f64; LANES] =
+pub(crate) const WEIGHTS: [f64; LANES] =
     [0.173_927_422_568_726_93, 0.326_072_577_431_273_07, 0.326_072_577_431_273_07, 0.173_927_422_568_726_93];
 
 /// Row k: weights that integrate a cubic from 0 to point k (the matrix of the collocation method of
 /// order 8; Hairer, Nørsett & Wanner 1993, sect. II.7).
-pub const UP_TO: [[f64; LANES]; LANES] = [
+pub(crate) const UP_TO: [[f64; LANES]; LANES] = [
     [0.086_963_711_284_363_46, -0.026_604_180_084_998_793, 0.012_627_462_689_404_725, -0.003_555_149_685_795_683],
     [0.188_118_117_499_868_07, 0.163_036_288_715_636_54, -0.027_880_428_602_470_895, 0.006_735_500_594_538_155],
     [0.167_191_921_974_188_77, 0.353_953_006_033_743_97, 0.163_036_288_715_636_54, -0.014_190_694_931_141_143],
@@ -34,7 +34,7 @@ const INNER: [f64; LANES] =
 
 /// Converts a constant to the kernel's precision.
 #[inline(always)]
-pub fn lanes<R: Real>(c: [f64; LANES]) -> R::Lanes {
+pub(crate) fn lanes<R: Real>(c: [f64; LANES]) -> R::Lanes {
     R::Lanes::load([R::of(c[0]), R::of(c[1]), R::of(c[2]), R::of(c[3])])
 }
 
@@ -49,20 +49,20 @@ fn combine<R: Real>(rows: &[[f64; LANES]; LANES], v: R::Lanes) -> R::Lanes {
 
 /// Returns the integrals over 0..1 of four segments at once, from the values at each point.
 #[inline(always)]
-pub fn integral<R: Real>([a, b, c, d]: [R::Lanes; LANES]) -> R::Lanes {
+pub(crate) fn integral<R: Real>([a, b, c, d]: [R::Lanes; LANES]) -> R::Lanes {
     let all = |v: f64| R::Lanes::splat(R::of(v));
     all(WEIGHTS[0]) * (a + d) + all(WEIGHTS[1]) * (b + c)
 }
 
 /// Returns the integrals from 0 to each point of the cubic with these values at the points.
 #[inline(always)]
-pub fn integrals_up_to<R: Real>(v: R::Lanes) -> R::Lanes {
+pub(crate) fn integrals_up_to<R: Real>(v: R::Lanes) -> R::Lanes {
     combine::<R>(&transposed(UP_TO), v)
 }
 
 /// Applies the transpose of [`integrals_up_to`].
 #[inline(always)]
-pub fn integrals_up_to_transposed<R: Real>(v: R::Lanes) -> R::Lanes {
+pub(crate) fn integrals_up_to_transposed<R: Real>(v: R::Lanes) -> R::Lanes {
     combine::<R>(&UP_TO, v)
 }
 
@@ -79,7 +79,7 @@ const fn transposed(m: [[f64; LANES]; LANES]) -> [[f64; LANES]; LANES] {
 /// Returns the coefficients, from the constant up, of the cubics with these values at each point, for four segments at
 /// once; the argument runs from -1 to 1.
 #[inline(always)]
-pub fn coefficients<R: Real>([a, b, c, d]: [R::Lanes; LANES]) -> [R::Lanes; LANES] {
+pub(crate) fn coefficients<R: Real>([a, b, c, d]: [R::Lanes; LANES]) -> [R::Lanes; LANES] {
     let all = |v: f64| R::Lanes::splat(R::of(v));
     let (even, odd) = ([a + d, b + c], [a - d, b - c]);
     let coefficient = |k: usize| {
@@ -91,7 +91,7 @@ pub fn coefficients<R: Real>([a, b, c, d]: [R::Lanes; LANES]) -> [R::Lanes; LANE
 
 /// Returns bounds of cubics over -1..1: the least and the greatest of their Bézier points.
 #[inline(always)]
-pub fn hull<R: Real>([a, b, c, d]: [R::Lanes; LANES]) -> (R::Lanes, R::Lanes) {
+pub(crate) fn hull<R: Real>([a, b, c, d]: [R::Lanes; LANES]) -> (R::Lanes, R::Lanes) {
     let third = R::Lanes::splat(R::of(1.0 / 3.0));
     let (even, odd) = (a + c, b + d);
     let (mid_even, mid_odd) = (a - third * c, third * b - d);
@@ -114,7 +114,7 @@ const LOST: f64 = 3.252_618_1e-8;
 /// itself, of degree 6, is integrated exactly. Where the majorant bounds nothing, the integral and its sum of four are
 /// both at most a few times the largest difference.
 #[inline(always)]
-pub fn error<R: Real>(density: [R::Lanes; LANES], mean: R::Lanes, depth: R::Lanes, slope: R::Lanes) -> R::Lanes {
+pub(crate) fn error<R: Real>(density: [R::Lanes; LANES], mean: R::Lanes, depth: R::Lanes, slope: R::Lanes) -> R::Lanes {
     let all = |v: f64| R::Lanes::splat(R::of(v));
     let [m0, m1, m2, m3] = [density[0], density[1].abs(), density[2].abs(), density[3].abs()];
     let r = RADIUS;

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 /// Derivatives of the loss with respect to the position of a ray's points, in index space.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct IndexRayGradient {
+pub(crate) struct IndexRayGradient {
     /// Derivative with respect to a shift of all points.
     pub shift: DVec3,
     /// Derivative with respect to a shift that grows with the world length from the origin.
@@ -24,7 +24,7 @@ impl IndexRayGradient {
     /// coordinate gained along it per world length. The face stands still: t = (face - o) / d. Without a face nothing
     /// is added.
     #[inline(always)]
-    pub fn add_face(&mut self, face: Option<(usize, f64)>, t: f64, by: f64) {
+    pub(crate) fn add_face(&mut self, face: Option<(usize, f64)>, t: f64, by: f64) {
         if let Some((axis, along)) = face {
             self.shift[axis] -= by / along;
             self.turn[axis] -= by * t / along;
@@ -33,7 +33,7 @@ impl IndexRayGradient {
 
     /// Adds the derivatives with respect to the ray's origin and direction, transformed to world space, to `to`.
     #[inline(never)]
-    pub fn add_to(&self, transform: &Affine, to: &mut RayGradient) {
+    pub(crate) fn add_to(&self, transform: &Affine, to: &mut RayGradient) {
         let to_world = transform.inverse_matrix().transpose();
         to.origin += to_world.transform_vector3(self.shift);
         to.direction += to_world.transform_vector3(self.turn);

@@ -18,7 +18,7 @@ pub struct Radiance {
 impl Radiance {
     /// Returns the share of the light behind the medium that arrives, `exp(-depth)`.
     #[inline(always)]
-    pub fn transmittance(&self) -> f64 {
+    pub(crate) fn transmittance(&self) -> f64 {
         (-self.depth).exp()
     }
 }

@@ -27,7 +27,7 @@ pub struct Majorants {
 
 impl Majorants {
     /// Computes the bounds of a field of densities in a medium.
-    pub fn new<R: Real>(field: &Bricks<R>, medium: &Medium) -> Self {
+    pub(crate) fn new<R: Real>(field: &Bricks<R>, medium: &Medium) -> Self {
         let of_brick = |values: &[R]| bound(medium, values.iter().copied());
         let bricks: Vec<f32> = field.values.par_chunks(BRICK).map(of_brick).collect();
         let mut blocks: Vec<HashMap<IVec3, f32>> = Vec::new();
@@ -50,36 +50,36 @@ impl Majorants {
     }
 
     /// Returns the bound of each brick, in the order of the field's topology.
-    pub fn bricks(&self) -> &[f32] {
+    pub(crate) fn bricks(&self) -> &[f32] {
         &self.bricks
     }
 
     /// Returns the bound where there are no bricks.
-    pub fn empty(&self) -> f32 {
+    pub(crate) fn empty(&self) -> f32 {
         self.empty
     }
 
     /// Returns the number of levels of blocks above the bricks.
-    pub fn levels(&self) -> usize {
+    pub(crate) fn levels(&self) -> usize {
         self.blocks.len()
     }
 
     /// Returns the bound of a block of `2^level` bricks along each edge, for levels from 1 up; `block` are the
     /// coordinates of its bricks over its edge, rounded down. Bricks that are missing count with the bound at density
     /// 0.
-    pub fn block(&self, level: usize, block: IVec3) -> f32 {
+    pub(crate) fn block(&self, level: usize, block: IVec3) -> f32 {
         let found = level.checked_sub(1).and_then(|above| self.blocks.get(above)?.get(&block));
         found.map_or(self.empty, |bound| bound.max(self.empty))
     }
 
     /// Returns the bound of the whole field.
-    pub fn largest(&self) -> f32 {
+    pub(crate) fn largest(&self) -> f32 {
         self.bricks.iter().fold(self.empty, |most, bound| most.max(*bound))
     }
 }
 
 /// Returns the greatest extinction of a medium where densities are interpolated between values; 0 without any.
-pub fn bound<R: Real>(medium: &Medium, values: impl IntoIterator<Item = R>) -> f32 {
+pub(crate) fn bound<R: Real>(medium: &Medium, values: impl IntoIterator<Item = R>) -> f32 {
     let mut values = values.into_iter();
     let Some(first) = values.next() else { return 0.0 };
     let (low, high) = values.fold((first, first), |(low, high), v| (low.lesser(v), high.greater(v)));

@@ -16,7 +16,7 @@ const GRAZING: f64 = 1e-3;
 
 /// A ray in index space, clipped to a domain; its parameter is world length.
 #[derive(Debug, Clone, Copy)]
-pub struct IndexRay {
+pub(crate) struct IndexRay {
     origin: DVec3,
     direction: DVec3,
     /// World length at which the ray enters the domain.
@@ -28,7 +28,7 @@ pub struct IndexRay {
 impl IndexRay {
     /// Transforms a world ray (unit direction) to index space; `None` if it misses the domain.
     #[inline]
-    pub fn new(domain: &Aabb, transform: &Affine, ray: &Ray) -> Option<Self> {
+    pub(crate) fn new(domain: &Aabb, transform: &Affine, ray: &Ray) -> Option<Self> {
         let origin = transform.to_index(ray.origin);
         // What has no reciprocal gains nothing along the axis.
         let direction = transform.vector_to_index(ray.direction).map(|d| if d.recip().is_finite() { d } else { 0.0 });
@@ -37,18 +37,18 @@ impl IndexRay {
     }
 
     /// Returns the index coordinates gained per unit of world length.
-    pub fn direction(&self) -> DVec3 {
+    pub(crate) fn direction(&self) -> DVec3 {
         self.direction
     }
 
     /// Returns the index coordinates at world length `t`.
-    pub fn at(&self, t: f64) -> DVec3 {
+    pub(crate) fn at(&self, t: f64) -> DVec3 {
         self.origin + t * self.direction
     }
 
     /// Returns the axis of the domain's face through which the ray goes at world length `t`, its entry or exit, and the
     /// coordinate gained along that axis per world length; `None` where the ray begins inside or grazes the face.
-    pub fn face(&self, domain: &Aabb, t: f64) -> Option<(usize, f64)> {
+    pub(crate) fn face(&self, domain: &Aabb, t: f64) -> Option<(usize, f64)> {
         if t <= 0.0 {
             return None;
         }
@@ -64,7 +64,7 @@ impl IndexRay {
     /// coordinate gained along that axis per world length; `None` at the ray's origin and where it grazes the
     /// face.
     #[inline(always)]
-    pub fn crossed(&self, domain: &Aabb, t: f64) -> Option<(usize, f64)> {
+    pub(crate) fn crossed(&self, domain: &Aabb, t: f64) -> Option<(usize, f64)> {
         if t <= 0.0 {
             return None;
         }
@@ -230,7 +230,12 @@ impl BrickWalk {
 /// Visits the bricks along a ray, near to far or (`reverse`) far to near; `visit` returns false to stop. Both orders
 /// produce identical spans: every crossing is computed from its plane, not from the crossing before it.
 #[inline(always)]
-pub fn spans<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut visit: impl FnMut(Span<R>) -> bool) {
+pub(crate) fn spans<R: Real>(
+    topology: &Topology,
+    ray: &IndexRay,
+    reverse: bool,
+    mut visit: impl FnMut(Span<R>) -> bool,
+) {
     let Some(mut walk) = BrickWalk::new(topology, ray, reverse) else { return };
     let direction = walk.direction.map(R::of);
     let inverse = direction.map(|d| R::ONE / d);
@@ -278,11 +283,11 @@ pub fn spans<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut vi
 
 /// Spans that are processed together, one kind of work for all of them before the next kind: steps of one kind depend
 /// on each other within a span (a crossing on the crossing before it, a load on its address), but not across spans.
-pub const BATCH: usize = 8;
+pub(crate) const BATCH: usize = 8;
 
 /// Visits the bricks along a ray in batches, near to far; `visit` returns false to stop.
 #[inline(always)]
-pub fn batches<R: Real>(topology: &Topology, ray: &IndexRay, mut visit: impl FnMut(&[Span<R>]) -> bool) {
+pub(crate) fn batches<R: Real>(topology: &Topology, ray: &IndexRay, mut visit: impl FnMut(&[Span<R>]) -> bool) {
     let mut batch = [Span::NOWHERE; BATCH];
     let (mut count, mut more) = (0, true);
     spans(
@@ -308,7 +313,12 @@ pub fn batches<R: Real>(topology: &Topology, ray: &IndexRay, mut visit: impl FnM
 /// Visits the batches of [`batches`] that come before the one that begins at world length `last`, far to near; inside a
 /// batch spans are still ordered near to far.
 #[inline(always)]
-pub fn batches_before<R: Real>(topology: &Topology, ray: &IndexRay, last: f64, mut visit: impl FnMut(&[Span<R>])) {
+pub(crate) fn batches_before<R: Real>(
+    topology: &Topology,
+    ray: &IndexRay,
+    last: f64,
+    mut visit: impl FnMut(&[Span<R>]),
+) {
     if last <= ray.enter {
         return;
     }

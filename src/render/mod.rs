@@ -8,26 +8,26 @@
 
 pub mod any_renderer;
 pub mod aov;
-pub mod cell;
+pub(crate) mod cell;
 pub mod composited;
 mod compositing;
-pub mod cubic;
-pub mod curve;
+pub(crate) mod cubic;
+pub(crate) mod curve;
 pub mod differentiable;
 pub mod dvr;
-pub mod gauss;
-pub mod index_ray_gradient;
-pub mod integrator;
-pub mod majorant;
-pub mod march;
+pub(crate) mod gauss;
+pub(crate) mod index_ray_gradient;
+pub(crate) mod integrator;
+pub(crate) mod majorant;
+pub(crate) mod march;
 pub mod order;
 pub mod path;
 pub mod preshaded;
 pub mod quadrature;
 pub mod sampler;
-pub mod scale;
-pub mod segment;
-pub mod tiles;
+pub(crate) mod scale;
+pub(crate) mod segment;
+pub(crate) mod tiles;
 
 use crate::scene::camera::Camera;
 use crate::scene::film::Film;

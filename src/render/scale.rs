@@ -18,7 +18,7 @@ const PIXELS: u32 = 64;
 /// Returns the extinction per unit of density (or factor of the transfer function's) at which the 99th percentile of
 /// the optical depth, over the pixels of all cameras that meet any density, is 3. About 64 pixels along the shorter
 /// edge of each picture are sampled. `None` if no pixel meets anything.
-pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -> Option<f64> {
+pub(crate) fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -> Option<f64> {
     let dvr = Dvr::new(field, Medium::new(1.0, source.clone())).ok()?.early_stop(0.0);
     let depths = depths(&dvr, cameras);
     let depth = depths.get((depths.len().saturating_sub(1) as f64 * SHARE).round() as usize)?;
@@ -28,7 +28,7 @@ pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -
 
 /// Returns the optical depths that the pixels of all cameras see where they see any, in ascending order. About 64
 /// pixels along the shorter edge of each picture are sampled.
-pub fn depths<I: Integrator>(integrator: &I, cameras: &[Camera]) -> Vec<f64> {
+pub(crate) fn depths<I: Integrator>(integrator: &I, cameras: &[Camera]) -> Vec<f64> {
     let of_camera = |scratch: &mut I::Scratch, camera: &Camera| {
         let stride = (camera.width.min(camera.height) / PIXELS).max(1);
         let rows = (stride / 2..camera.height).step_by(stride as usize);

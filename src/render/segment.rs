@@ -8,7 +8,7 @@ use glam::DVec3;
 
 /// An end of a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum End {
+pub(crate) enum End {
     /// The end nearer to the eye.
     Near,
     /// The end farther from the eye.
@@ -17,7 +17,7 @@ pub enum End {
 
 /// A point of a ray.
 #[derive(Debug, Clone, Copy)]
-pub struct Place<R> {
+pub(crate) struct Place<R> {
     /// Offset of the cell's lowest corner among the field's values.
     pub offset: usize,
     /// Cell-local coordinates.
@@ -28,19 +28,19 @@ pub struct Place<R> {
 
 impl<R: Real> Place<R> {
     /// Returns the weights of the cell's corners, by x.
-    pub fn weights(&self) -> [R::Lanes; 2] {
+    pub(crate) fn weights(&self) -> [R::Lanes; 2] {
         weights(self.at)
     }
 
     /// Returns the gradient of the interpolated value with respect to index coordinates.
-    pub fn slopes(&self, values: &[R]) -> DVec3 {
+    pub(crate) fn slopes(&self, values: &[R]) -> DVec3 {
         DVec3::from_array(slopes(corners(values, self.offset).map(Lanes::store), self.at).map(Real::f64))
     }
 }
 
 /// A segment with one density for its whole length.
 #[derive(Debug, Clone, Copy)]
-pub struct Sample<R: Real> {
+pub(crate) struct Sample<R: Real> {
     /// Offset of the cell's lowest corner among the field's values.
     pub offset: usize,
     /// Number of the curve's piece that the density lies in.
@@ -60,7 +60,7 @@ pub struct Sample<R: Real> {
 /// A segment with the densities at the four points of [`crate::render::gauss`], which determine the cubic that the
 /// interpolated density is.
 #[derive(Debug, Clone, Copy)]
-pub struct Chord<R: Real> {
+pub(crate) struct Chord<R: Real> {
     /// Offset of the cell's lowest corner among the field's values.
     pub offset: usize,
     /// Number of the curve's piece that the densities lie in.
@@ -79,7 +79,7 @@ pub struct Chord<R: Real> {
 
 impl<R: Real> Chord<R> {
     /// Returns the position of one of the segment's ends.
-    pub fn end(&self, end: End) -> Place<R> {
+    pub(crate) fn end(&self, end: End) -> Place<R> {
         let [first, .., last] = gauss::NODES;
         let share = if end == End::Far { 1.0 } else { 0.0 };
         let by = R::of((share - first) / (last - first));
@@ -92,7 +92,7 @@ impl<R: Real> Chord<R> {
 
     /// Interpolates a cell's corners (by x, as [`crate::render::cell::corners`] gives them) at four points.
     #[inline(always)]
-    pub fn interpolate(corners: &[R::Lanes; 2], [x, y, z]: [R::Lanes; 3]) -> R::Lanes {
+    pub(crate) fn interpolate(corners: &[R::Lanes; 2], [x, y, z]: [R::Lanes; 3]) -> R::Lanes {
         let all = <R::Lanes as Lanes<R>>::splat;
         let face = |corners: R::Lanes| {
             let [a, b, c, d] = corners.store();
@@ -106,7 +106,7 @@ impl<R: Real> Chord<R> {
     /// Returns the derivatives with respect to the corners, by x, from those with respect to the densities: the
     /// transpose of [`Chord::interpolate`].
     #[inline(always)]
-    pub fn voxel_vjp(&self, by_density: R::Lanes) -> [R::Lanes; 2] {
+    pub(crate) fn voxel_vjp(&self, by_density: R::Lanes) -> [R::Lanes; 2] {
         let [x, y, z] = self.at;
         let face = |g: R::Lanes| {
             let high = g * y;
@@ -124,7 +124,7 @@ impl<R: Real> Chord<R> {
 /// Returns the gradient of the interpolated value with respect to the cell-local coordinates, from the values at the
 /// corners (by x, with corner `(x, y, z)` at `2 y + z`).
 #[inline(always)]
-pub fn slopes<N: Number>(corners: [[N; LANES]; 2], [x, y, z]: [N; 3]) -> [N; 3] {
+pub(crate) fn slopes<N: Number>(corners: [[N; LANES]; 2], [x, y, z]: [N; 3]) -> [N; 3] {
     // On a face of constant x: value, and its derivatives by y and by z.
     let face = |[a, b, c, d]: [N; LANES]| {
         let (low, high) = (a + z * (b - a), c + z * (d - c));

@@ -33,19 +33,19 @@ pub struct Subpixels {
 
 impl Subpixels {
     /// Creates `per_edge` rays along each edge of a pixel, at least one.
-    pub fn new(per_edge: usize) -> Self {
+    pub(crate) fn new(per_edge: usize) -> Self {
         Self { per_edge: per_edge.max(1) }
     }
 
     /// Returns the number of rays of a pixel.
     #[inline(always)]
-    pub fn count(self) -> usize {
+    pub(crate) fn count(self) -> usize {
         self.per_edge * self.per_edge
     }
 
     /// Returns the image position of a pixel's ray, in pixels.
     #[inline(always)]
-    pub fn position(self, [x, y]: [usize; 2], ray: usize) -> [f64; 2] {
+    pub(crate) fn position(self, [x, y]: [usize; 2], ray: usize) -> [f64; 2] {
         let n = self.per_edge;
         let offset = |k: usize| (k as f64 + 0.5) / n as f64;
         [x as f64 + offset(ray % n), y as f64 + offset(ray / n)]
@@ -53,14 +53,14 @@ impl Subpixels {
 
     /// Returns the image positions of all rays of a pixel, in pixels.
     #[inline(always)]
-    pub fn positions(self, pixel: [usize; 2]) -> impl Iterator<Item = [f64; 2]> {
+    pub(crate) fn positions(self, pixel: [usize; 2]) -> impl Iterator<Item = [f64; 2]> {
         (0..self.count()).map(move |ray| self.position(pixel, ray))
     }
 }
 
 /// Applies `work` to each unit, with scratch memory for each unit at work, and returns the results in the units' order;
 /// `None` if `cancel` was set before all were done.
-pub fn map<U: Sync, S, T: Send>(
+pub(crate) fn map<U: Sync, S, T: Send>(
     units: &[U],
     cancel: &Cancel,
     scratch: impl Fn() -> S + Sync + Send,
@@ -73,7 +73,7 @@ pub fn map<U: Sync, S, T: Send>(
 
 /// Computes the pixels of a picture in row-major order, in parallel over bands of rows: `pixel(scratch, [x, y])`
 /// returns the value of one. `None` if the watch stopped the work before all were done.
-pub fn pixels<S, T: Send + Default + Clone>(
+pub(crate) fn pixels<S, T: Send + Default + Clone>(
     [width, height]: [usize; 2],
     watch: Option<Watch<'_>>,
     scratch: impl Fn() -> S + Sync + Send,
@@ -108,7 +108,7 @@ const TILE: [usize; 2] = [16, 4];
 /// Sums over the units of each partition, in order, bit-identical for any number of threads if the number of partitions
 /// does not depend on it: `begin` creates a partition's sum, `work` adds a unit. Returns the
 /// sums in the partitions' order; those of work that `cancel` stopped are incomplete.
-pub fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
+pub(crate) fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
     partitions: &mut [P],
     cancel: &Cancel,
     units: impl Fn(usize) -> I + Sync,
@@ -131,12 +131,12 @@ pub fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
 }
 
 /// Deals units out in turn, and returns those of partition `number` among `partitions`.
-pub fn dealt<U>(units: &[U], number: usize, partitions: usize) -> impl Iterator<Item = &U> {
+pub(crate) fn dealt<U>(units: &[U], number: usize, partitions: usize) -> impl Iterator<Item = &U> {
     units.iter().skip(number).step_by(partitions.max(1))
 }
 
 /// Cuts `0..count` into consecutive runs of at most `length`.
-pub fn runs(count: usize, length: usize) -> Vec<Range<usize>> {
+pub(crate) fn runs(count: usize, length: usize) -> Vec<Range<usize>> {
     (0..count).step_by(length.max(1)).map(|begin| begin..count.min(begin + length)).collect()
 }
 

@@ -44,7 +44,7 @@ struct Pane {
 ///
 /// # Errors
 /// If a slice cannot be encoded.
-pub fn sliders(
+pub(crate) fn sliders(
     quantity: &str,
     volume: &Bricks<f32>,
     reference: Option<&Bricks<f32>>,

@@ -9,7 +9,7 @@ const BINS: usize = 64;
 /// Plot of how many voxels have which value, zeros left out, of a volume and, dashed, of a reference; `None` if no
 /// voxel of either has a value. Voxels of a reference are counted in volumes of the first one's voxels, so that
 /// lattices of different voxels can be compared.
-pub fn plot(quantity: &str, volume: &Bricks<f32>, reference: Option<&Bricks<f32>>) -> Option<Plot> {
+pub(crate) fn plot(quantity: &str, volume: &Bricks<f32>, reference: Option<&Bricks<f32>>) -> Option<Plot> {
     let fields: Vec<(&str, &Bricks<f32>)> =
         [("volume", volume)].into_iter().chain(reference.map(|reference| ("reference", reference))).collect();
     let all = fields.iter().flat_map(|(_, field)| values(field));

@@ -6,11 +6,11 @@
 
 mod browse;
 mod histogram;
-pub mod number;
+pub(crate) mod number;
 mod picture;
 mod plot;
 mod script;
-pub mod sheet;
+pub(crate) mod sheet;
 mod slices;
 mod sphere;
 mod stages;
@@ -20,10 +20,10 @@ mod views;
 mod wipe;
 
 pub use browse::{Beside, MOST_SLICES};
-pub use number::short;
+pub(crate) use number::short;
 pub use plot::{Plot, Series};
-pub use sphere::{SphereMap, Walk};
-pub use strip::StripFrame;
+pub(crate) use sphere::{SphereMap, Walk};
+pub(crate) use strip::StripFrame;
 pub use thumbnails::{MOST_THUMBNAILS, Thumbnail};
 pub use views::{MOST_VIEWS, ViewRow, choose};
 

@@ -1,7 +1,7 @@
 //! Numbers formatted for people.
 
 /// Formats a number with three significant digits, without an exponent for magnitudes from 1e-3 to 1e6.
-pub fn short(value: f64) -> String {
+pub(crate) fn short(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 {
         return "0".into();

@@ -9,7 +9,7 @@ use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
 /// Longest side of an embedded picture in pixels.
-pub const MOST_PIXELS: usize = 512;
+pub(crate) const MOST_PIXELS: usize = 512;
 
 /// Pictures whose longest side is shorter are shown with square pixels when the page enlarges them.
 const COARSE: usize = 256;
@@ -18,7 +18,7 @@ const COARSE: usize = 256;
 ///
 /// # Errors
 /// If the picture has no pixels.
-pub fn rgb8(width: usize, height: usize, rgb: &[u8], aspect: f64, alt: &str) -> Result<Markup> {
+pub(crate) fn rgb8(width: usize, height: usize, rgb: &[u8], aspect: f64, alt: &str) -> Result<Markup> {
     moving(width, height, &[rgb], 0, aspect, alt)
 }
 
@@ -27,7 +27,14 @@ pub fn rgb8(width: usize, height: usize, rgb: &[u8], aspect: f64, alt: &str) -> 
 ///
 /// # Errors
 /// If there is no picture, or one has no pixels.
-pub fn moving(width: usize, height: usize, frames: &[&[u8]], rate: u16, aspect: f64, alt: &str) -> Result<Markup> {
+pub(crate) fn moving(
+    width: usize,
+    height: usize,
+    frames: &[&[u8]],
+    rate: u16,
+    aspect: f64,
+    alt: &str,
+) -> Result<Markup> {
     let bytes = png::encode_frames(width, height, frames, rate)?;
     let address = format!("data:image/png;base64,{}", STANDARD.encode(bytes));
     let class = (width.max(height) < COARSE).then_some("coarse");
@@ -39,13 +46,13 @@ pub fn moving(width: usize, height: usize, frames: &[&[u8]], rate: u16, aspect: 
 ///
 /// # Errors
 /// If the film has no pixels.
-pub fn film(film: &Film, alt: &str) -> Result<Markup> {
+pub(crate) fn film(film: &Film, alt: &str) -> Result<Markup> {
     let small = reduced(film, MOST_PIXELS);
     rgb8(small.width, small.height, &png::display_rgb8(&small), aspect(film.width, film.height), alt)
 }
 
 /// Film of the means over square blocks of pixels, so large that no side exceeds `most` pixels.
-pub fn reduced(film: &Film, most: usize) -> Film {
+pub(crate) fn reduced(film: &Film, most: usize) -> Film {
     let pool = Pool::of(film.width, film.height, most);
     let mean = |pixels: &mut dyn Iterator<Item = [f32; 4]>| {
         let (sum, n) = pixels.fold(([0.0; 4], 0.0), |(s, n), p| (std::array::from_fn(|c| s[c] + p[c]), n + 1.0_f32));
@@ -55,7 +62,7 @@ pub fn reduced(film: &Film, most: usize) -> Film {
 }
 
 /// The largest of the values (`values[y * width + x]`) in each of the blocks of [`reduced`].
-pub fn largest(width: usize, height: usize, values: &[f64], most: usize) -> Vec<f64> {
+pub(crate) fn largest(width: usize, height: usize, values: &[f64], most: usize) -> Vec<f64> {
     let pool = Pool::of(width, height, most);
     pool.apply(values, |pixels: &mut dyn Iterator<Item = f64>| pixels.fold(0.0, f64::max))
 }
@@ -65,7 +72,7 @@ pub fn largest(width: usize, height: usize, values: &[f64], most: usize) -> Vec<
 ///
 /// # Errors
 /// If there are no pixels.
-pub fn differences(width: usize, height: usize, values: &[f64], scale: f64, alt: &str) -> Result<Markup> {
+pub(crate) fn differences(width: usize, height: usize, values: &[f64], scale: f64, alt: &str) -> Result<Markup> {
     let pool = Pool::of(width, height, MOST_PIXELS);
     let small = largest(width, height, values, MOST_PIXELS);
     rgb8(pool.width, pool.height, &heatmap::shade_rgb8(&small, scale), aspect(width, height), alt)
@@ -75,7 +82,7 @@ pub fn differences(width: usize, height: usize, values: &[f64], scale: f64, alt:
 ///
 /// # Errors
 /// If the bar cannot be encoded.
-pub fn bar(paint: impl Fn(&[f64]) -> Vec<u8>, low: &str, high: &str) -> Result<Markup> {
+pub(crate) fn bar(paint: impl Fn(&[f64]) -> Vec<u8>, low: &str, high: &str) -> Result<Markup> {
     let ramp: Vec<f64> = (0..256).map(|i| f64::from(i) / 255.0).collect();
     let picture = rgb8(ramp.len(), 1, &paint(&ramp), 16.0, &format!("color bar from {low} to {high}"))?;
     Ok(html! { span.bar { span { (low) } (picture) span { (high) } } })

@@ -26,7 +26,7 @@ const GRID: (RGBColor, &str) = (RGBColor(0xD9, 0xDC, 0xE1), "#3a3f47");
 
 /// Colors of the series, on a light page and on a dark one. Each has a contrast of at least 3:1 against its page, and
 /// neighbours differ in lightness too.
-pub const PALETTE: [(RGBColor, &str); 8] = [
+pub(crate) const PALETTE: [(RGBColor, &str); 8] = [
     (RGBColor(0x1F, 0x5F, 0xBF), "#7db2ff"),
     (RGBColor(0xC2, 0x55, 0x00), "#ffa45c"),
     (RGBColor(0x0B, 0x7A, 0x5E), "#4fd0a8"),
@@ -38,7 +38,7 @@ pub const PALETTE: [(RGBColor, &str); 8] = [
 ];
 
 /// Color of text and lines in drawings of other modules; a dark page replaces it.
-pub const INK_RGB: RGBColor = INK.0;
+pub(crate) const INK_RGB: RGBColor = INK.0;
 
 /// Largest absolute coordinate that is drawn. An axis spans at least [`LEAST_SPAN`] and [`LEAST_SHARE`] of its largest
 /// coordinate. Beyond these limits plotters searches for ticks without end.
@@ -204,12 +204,12 @@ fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<(Range<f64
 }
 
 /// Hexadecimal color as SVG has it, in the one spelling that the style sheet of a dark page matches.
-pub fn hex(c: RGBColor) -> String {
+pub(crate) fn hex(c: RGBColor) -> String {
     format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2)
 }
 
 /// Style sheet of the colors. Plots carry the colors of a light page; a dark page replaces them.
-pub fn style() -> String {
+pub(crate) fn style() -> String {
     let mut css = String::new();
     let mut dark = String::new();
     for (i, (light, other)) in PALETTE.iter().enumerate() {

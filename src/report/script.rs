@@ -6,11 +6,11 @@ use base64::engine::general_purpose::STANDARD;
 use sha2::{Digest, Sha256};
 
 /// Text of the script. It has no `<`, so that it stands in HTML as it is.
-pub const SCRIPT: &str = include_str!("page.js");
+pub(crate) const SCRIPT: &str = include_str!("page.js");
 
 /// Content security policy of the page: it shows pictures and styles that it contains, runs this very script alone, and
 /// loads nothing.
-pub fn policy() -> String {
+pub(crate) fn policy() -> String {
     let hash = STANDARD.encode(Sha256::digest(SCRIPT.as_bytes()));
     format!("default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{hash}'")
 }

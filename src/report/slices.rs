@@ -62,7 +62,7 @@ impl Plane {
 }
 
 /// Table of the slices of a volume, beside those of a reference and the differences if there is one.
-pub fn table(quantity: &str, volume: &Bricks<f32>, reference: Option<&Bricks<f32>>) -> Result<Markup> {
+pub(crate) fn table(quantity: &str, volume: &Bricks<f32>, reference: Option<&Bricks<f32>>) -> Result<Markup> {
     let Some((voxels, centre)) = support(volume) else {
         return Ok(html! { p { "Zero everywhere." } });
     };

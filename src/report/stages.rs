@@ -4,7 +4,7 @@ use super::plot::PALETTE;
 use maud::{Markup, html};
 
 /// A bar in which each stage has its share of the length, and a table of seconds and shares.
-pub fn bar_and_table(stages: &[(impl AsRef<str>, f64)]) -> Markup {
+pub(crate) fn bar_and_table(stages: &[(impl AsRef<str>, f64)]) -> Markup {
     // Durations from clocks that were set back must not distort the bar.
     let length = |seconds: f64| if seconds.is_finite() { seconds.max(0.0) } else { 0.0 };
     let total: f64 = stages.iter().map(|s| length(s.1)).sum();

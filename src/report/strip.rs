@@ -26,7 +26,7 @@ pub struct StripFrame {
 impl StripFrame {
     /// Reduces films of equal size, of which `differs` is held against the last. Pixels of the differences show the
     /// largest that they stand for.
-    pub fn new(films: &[&Film], differs: usize) -> Self {
+    pub(crate) fn new(films: &[&Film], differs: usize) -> Self {
         let (film, reference) = (films[differs], films[films.len() - 1]);
         let all = heatmap::differences(film, reference);
         Self {
@@ -36,12 +36,12 @@ impl StripFrame {
     }
 
     /// Columns and rows of each picture.
-    pub fn size(&self) -> [usize; 2] {
+    pub(crate) fn size(&self) -> [usize; 2] {
         [self.pictures[0].width, self.pictures[0].height]
     }
 
     /// Pictures in the order in which they were given, reduced.
-    pub fn pictures(&self) -> &[Film] {
+    pub(crate) fn pictures(&self) -> &[Film] {
         &self.pictures
     }
 
@@ -65,7 +65,7 @@ impl StripFrame {
 ///
 /// # Errors
 /// If there is no frame, or a picture has no pixels.
-pub fn draw(labels: &[&str], frames: &[StripFrame], rate: u16) -> Result<Markup> {
+pub(crate) fn draw(labels: &[&str], frames: &[StripFrame], rate: u16) -> Result<Markup> {
     let scale = scale(frames);
     let drawn: Vec<(usize, usize, Vec<u8>)> = frames.iter().map(|frame| frame.beside(scale)).collect();
     let (width, height) = drawn.first().map_or((0, 0), |(width, height, _)| (*width, *height));

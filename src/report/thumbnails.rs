@@ -32,7 +32,7 @@ impl Thumbnail {
 ///
 /// # Errors
 /// If a picture has no pixels.
-pub fn grid(all: &[Thumbnail], total: usize) -> Result<Markup> {
+pub(crate) fn grid(all: &[Thumbnail], total: usize) -> Result<Markup> {
     let shown = all.len().min(MOST_THUMBNAILS);
     let figure = |thumbnail: &Thumbnail| {
         let Thumbnail { name, held_out, film, aspect } = thumbnail;

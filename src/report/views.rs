@@ -54,7 +54,7 @@ fn spaced(items: &[usize], most: usize) -> Vec<usize> {
 }
 
 /// Table of the selected views; `total` is the number of all views.
-pub fn table(rows: &[ViewRow], total: usize) -> Result<Markup> {
+pub(crate) fn table(rows: &[ViewRow], total: usize) -> Result<Markup> {
     let total = total.max(rows.len());
     let held_out: Vec<bool> = rows.iter().map(|r| r.held_out).collect();
     let shown: Vec<&ViewRow> = choose(&held_out, MOST_VIEWS).into_iter().map(|i| &rows[i]).collect();

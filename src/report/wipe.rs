@@ -9,7 +9,7 @@ use maud::{Markup, html};
 ///
 /// # Errors
 /// If a picture has no pixels.
-pub fn of(labels: [&str; 2], films: [&Film; 2]) -> Result<Markup> {
+pub(crate) fn of(labels: [&str; 2], films: [&Film; 2]) -> Result<Markup> {
     let [first, second] = [0, 1].map(|i| picture::film(films[i], labels[i]));
     let (first, second) = (first?, second?);
     Ok(html! {
@@ -22,7 +22,7 @@ pub fn of(labels: [&str; 2], films: [&Film; 2]) -> Result<Markup> {
 
 /// A wipe between the first two pictures of the rows of the table beside it, by the script; hidden without it, since
 /// the table shows them side by side.
-pub fn of_table(labels: [&str; 2], names: &[&str]) -> Markup {
+pub(crate) fn of_table(labels: [&str; 2], names: &[&str]) -> Markup {
     html! {
         figure.wipe hidden {
             div.frame {}

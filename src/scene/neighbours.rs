@@ -13,19 +13,19 @@ pub struct Neighbours(Vec<[[u32; 2]; 3]>);
 
 impl Neighbours {
     /// Looks up the neighbours of each brick of a topology.
-    pub fn new(topology: &Topology) -> Self {
+    pub(crate) fn new(topology: &Topology) -> Self {
         let adjacent =
             |b: &IVec3| [IVec3::X, IVec3::Y, IVec3::Z].map(|a| [topology.find(*b - a), topology.find(*b + a)]);
         Self(topology.bricks().iter().map(adjacent).collect())
     }
 
     /// Returns the numbers of the bricks below and above a brick along an axis, or [`NONE`].
-    pub fn of_brick(&self, brick: usize, axis: usize) -> [u32; 2] {
+    pub(crate) fn of_brick(&self, brick: usize, axis: usize) -> [u32; 2] {
         self.0[brick][axis]
     }
 
     /// Returns the voxels below and above along x, y and z; `None` outside of the bricks.
-    pub fn of_voxel(&self, voxel: usize) -> [Option<usize>; 6] {
+    pub(crate) fn of_voxel(&self, voxel: usize) -> [Option<usize>; 6] {
         let (brick, i) = (voxel / LEAF_VOXELS, voxel % LEAF_VOXELS);
         std::array::from_fn(|k| {
             let (axis, up) = (k / 2, k % 2 == 1);

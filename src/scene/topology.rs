@@ -121,7 +121,7 @@ impl Topology {
     /// True if a brick may lie in several places, as those of constant tiles do.
     /// Renderers need not distinguish. Code that gives each place separate values works on
     /// [`Bricks::expanded`](crate::scene::bricks::Bricks::expanded).
-    pub fn is_instanced(&self) -> bool {
+    pub(crate) fn is_instanced(&self) -> bool {
         self.instanced
     }
 
@@ -143,7 +143,7 @@ impl Topology {
     }
 
     /// Bytes of memory that the table occupies.
-    pub fn table_bytes(&self) -> u64 {
+    pub(crate) fn table_bytes(&self) -> u64 {
         (self.table.len() * size_of::<u32>()) as u64
     }
 
@@ -158,7 +158,7 @@ impl Topology {
     ///
     /// # Errors
     /// If the bricks are too many to address.
-    pub fn filled(&self) -> Result<Self> {
+    pub(crate) fn filled(&self) -> Result<Self> {
         let dim = self.dim;
         let all = (0..dim.x).flat_map(|x| (0..dim.y).map(move |y| (x, y)));
         Self::new(all.flat_map(|(x, y)| (0..dim.z).map(move |z| self.min + IVec3::new(x, y, z))))
@@ -175,7 +175,7 @@ impl Topology {
     /// # Errors
     /// If there is no brick: a Chebyshev distance in bricks within which there is none either (0 if unknown).
     #[inline(always)]
-    pub fn look(&self, brick: IVec3) -> Result<u32, i32> {
+    pub(crate) fn look(&self, brick: IVec3) -> Result<u32, i32> {
         let Some(entry) = self.entry(brick) else { return Err(0) };
         match self.table[entry] {
             NONE => Err(self.clear.get(entry).map_or(0, |c| i32::from(*c))),
@@ -209,7 +209,7 @@ impl Topology {
     /// A copy in which only bricks whose number `keep` accepts can be found. Brick numbers stay; empty-space distances
     /// are computed anew.
     #[must_use]
-    pub fn masked(&self, keep: impl Fn(usize) -> bool) -> Self {
+    pub(crate) fn masked(&self, keep: impl Fn(usize) -> bool) -> Self {
         let mut masked = self.clone();
         for entry in masked.table.iter_mut().filter(|e| **e != NONE) {
             if !keep(*entry as usize) {
@@ -230,7 +230,7 @@ impl Topology {
     }
 
     /// Index-space box of the bricks that can be found; of zero size if there are none.
-    pub fn reach(&self) -> Aabb {
+    pub(crate) fn reach(&self) -> Aabb {
         let [low, high] = self.found;
         Aabb { min: 8.0 * low.as_dvec3(), max: 8.0 * high.as_dvec3() }
     }
@@ -285,7 +285,7 @@ impl Topology {
 
     /// Indices at which an owned voxel (512 per brick, z fastest) is stored: first in its own brick, then in the aprons
     /// of the neighbours below. `None` stands for a neighbour that is missing or does not store the voxel.
-    pub fn slots(&self, voxel: usize) -> [Option<usize>; 8] {
+    pub(crate) fn slots(&self, voxel: usize) -> [Option<usize>; 8] {
         let (brick, i) = (voxel / LEAF_VOXELS, voxel % LEAF_VOXELS);
         let local = [i >> 6, i >> 3 & 7, i & 7];
         std::array::from_fn(|corner| {

@@ -96,7 +96,7 @@ pub enum Target {
 
 impl CaptureSettings {
     /// Paths that the capture is made from.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         [&self.input].into_iter().chain(&self.pictures).map(PathBuf::as_path).collect()
     }
 

@@ -24,7 +24,7 @@ pub(super) struct Setting {
 
 impl Setting {
     /// Adds a picture.
-    pub fn add(&mut self, film: &Film) {
+    pub(crate) fn add(&mut self, film: &Film) {
         let border = border(film);
         let background = median(&border);
         for pixel in film.rgba.iter().filter(|pixel| pixel.iter().all(|v| v.is_finite())) {
@@ -46,7 +46,7 @@ impl Setting {
     ///
     /// # Errors
     /// If most of the borders have another color than the median, or there is nothing but background.
-    pub fn state(&self, capture: &mut Capture, given: Option<[f32; 3]>) -> Result<String> {
+    pub(crate) fn state(&self, capture: &mut Capture, given: Option<[f32; 3]>) -> Result<String> {
         let median = median(&self.border);
         let like = |pixel: &&[f32; 3]| (0..3).map(|c| pixel[c] - median[c]).sum::<f32>().abs() <= 3.0 * SAME;
         if given.is_none() && 2 * self.border.iter().filter(like).count() < self.border.len() {

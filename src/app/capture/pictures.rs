@@ -95,7 +95,7 @@ impl VideoFrames {
     ///
     /// # Errors
     /// If a file cannot be read, or a video not be decoded.
-    pub fn take(capture: &mut Capture, number: u32, output: &Path) -> Result<Self> {
+    pub(crate) fn take(capture: &mut Capture, number: u32, output: &Path) -> Result<Self> {
         let videos = capture.frames.iter().map(|frame| video::is_video(&frame.picture)).collect::<Result<Vec<_>>>()?;
         if !videos.contains(&true) {
             return Ok(Self { _folder: None, taken: Vec::new() });
@@ -116,7 +116,7 @@ impl VideoFrames {
     }
 
     /// Names the video in the place of its frame's picture.
-    pub fn named(&self, error: Error) -> Error {
+    pub(crate) fn named(&self, error: Error) -> Error {
         self.taken.iter().fold(error, |error, [video, picture]| error.known_as(picture, video))
     }
 }
@@ -135,7 +135,7 @@ impl<'v> View<'v> {
     /// # Errors
     /// If a picture is not there or has another size than its camera, or it is masked and `masked` does not say what
     /// becomes of that.
-    pub fn all(stated: &'v StatedCapture, choices: &Choices) -> Result<Vec<Self>> {
+    pub(crate) fn all(stated: &'v StatedCapture, choices: &Choices) -> Result<Vec<Self>> {
         let views = stated.capture.frames.iter().zip(&stated.optics).enumerate();
         let view = |(number, (frame, optics)): (usize, (&'v Frame, &'v Optics))| {
             let header = picture::header(&frame.picture)?;
@@ -162,7 +162,7 @@ impl<'v> View<'v> {
     }
 
     /// Returns true if the picture cannot be used as it lies there.
-    pub fn changes(&self, choices: &Choices) -> bool {
+    pub(crate) fn changes(&self, choices: &Choices) -> bool {
         self.header.kind != Kind::Exr
             || self.distorted()
             || choices.layer.is_some()
@@ -170,12 +170,12 @@ impl<'v> View<'v> {
     }
 
     /// Returns true if the picture is resampled.
-    pub fn distorted(&self) -> bool {
+    pub(crate) fn distorted(&self) -> bool {
         self.optics.lens != Lens::Pinhole
     }
 
     /// Bits of integer samples and their color space; none for EXRs.
-    pub fn integer(&self, capture: &Capture) -> Option<(u8, ColorSpace)> {
+    pub(crate) fn integer(&self, capture: &Capture) -> Option<(u8, ColorSpace)> {
         Some((self.header.bits?, capture.color_space.or(self.header.color_space)?))
     }
 
@@ -183,7 +183,7 @@ impl<'v> View<'v> {
     ///
     /// # Errors
     /// If the picture or its mask cannot be read or used.
-    pub fn convert(&self, capture: &Capture, choices: &Choices) -> Result<(Camera, Film)> {
+    pub(crate) fn convert(&self, capture: &Capture, choices: &Choices) -> Result<(Camera, Film)> {
         let Frame { camera, picture } = self.frame;
         let place = |e: Error| e.at(picture).part(format!("frame {}", self.number));
         let Choices { layer, limits, .. } = *choices;

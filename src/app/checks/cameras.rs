@@ -8,7 +8,7 @@ use crate::scene::camera::Projection;
 use glam::{DMat3, DVec2, DVec3};
 
 /// Contradictions of the cameras with the silhouettes.
-pub fn cameras(observation: &Observation) -> Vec<Finding> {
+pub(crate) fn cameras(observation: &Observation) -> Vec<Finding> {
     let mut findings: Vec<Finding> = observation.maps.iter().filter_map(intrinsics).collect();
     findings.sort_by_key(|f| !f.certain);
     findings.truncate(1);

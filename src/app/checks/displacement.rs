@@ -36,7 +36,7 @@ pub struct Displacement {
 
 /// Returns the displacement of each picture, by the projections of `points`; of one that says nothing about its camera
 /// it is zero. Pictures are compared at one pixel in so many, tens of thousands in all.
-pub fn displacements<I: Differentiable<Real = f32>>(
+pub(crate) fn displacements<I: Differentiable<Real = f32>>(
     renderer: &Composited<I>,
     excerpts: &[Excerpt],
     colors: &Colors,
@@ -61,7 +61,7 @@ pub fn displacements<I: Differentiable<Real = f32>>(
 }
 
 /// Warns if most pictures are displaced, or some of them are by far.
-pub fn warning(displacements: &[Displacement], excerpts: &[Excerpt]) -> Option<Warning> {
+pub(crate) fn warning(displacements: &[Displacement], excerpts: &[Excerpt]) -> Option<Warning> {
     let median = |of: fn(&Displacement) -> f64| {
         let mut all: Vec<f64> = displacements.iter().map(of).collect();
         all.sort_by(f64::total_cmp);

@@ -11,14 +11,14 @@ const PIXELS: usize = 1 << 15;
 const FEWEST: usize = 128;
 
 /// Returns the first pixels of pairs of horizontal neighbours, row by row, some thousand all over the picture.
-pub fn pairs(width: usize, height: usize) -> impl Iterator<Item = usize> {
+pub(crate) fn pairs(width: usize, height: usize) -> impl Iterator<Item = usize> {
     let half = width / 2;
     let step = (half * height).div_ceil(PAIRS).max(1);
     (0..half * height).step_by(step).map(move |pair| pair / half * width + 2 * (pair % half))
 }
 
 /// Returns a stride at which the pixels of one of so many pictures are compared. An odd one does not fall into columns.
-pub fn stride(pixels: usize, pictures: usize) -> usize {
+pub(crate) fn stride(pixels: usize, pictures: usize) -> usize {
     let enough = (PIXELS / pictures.max(1)).max(FEWEST);
     (pixels / enough).max(1) | 1
 }
@@ -56,17 +56,17 @@ impl Excerpt {
     }
 
     /// Takes the pixels of every picture.
-    pub fn all(photos: &[Photo]) -> Vec<Self> {
+    pub(crate) fn all(photos: &[Photo]) -> Vec<Self> {
         photos.iter().map(|photo| Self::new(photo, photos.len())).collect()
     }
 
     /// Returns colors and alpha of a pixel; those of one that was not kept are NaN.
-    pub fn pixel(&self, number: usize) -> [f32; 4] {
+    pub(crate) fn pixel(&self, number: usize) -> [f32; 4] {
         self.numbers.binary_search(&(number as u32)).map_or([f32::NAN; 4], |at| self.colors[at])
     }
 
     /// True if the pixel of the picture is finite, whether it was kept or not.
-    pub fn is_finite(&self, number: usize) -> bool {
+    pub(crate) fn is_finite(&self, number: usize) -> bool {
         self.missing.binary_search(&(number as u32)).is_err()
     }
 }

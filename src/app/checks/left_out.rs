@@ -10,7 +10,7 @@ const MUCH: f64 = 0.02;
 
 /// Returns a warning if photographs show much of the medium in pixels that count as empty, or beside the world box of
 /// the unknowns: matter as faint as noise, or a background that is not even.
-pub fn left_out(observation: &Observation, bounds: &Aabb) -> Option<Warning> {
+pub(crate) fn left_out(observation: &Observation, bounds: &Aabb) -> Option<Warning> {
     let photographs = observation.maps.iter().filter(|map| map.limit == Limit::Light);
     let [outside, pixels, total] =
         photographs.map(|map| opacities(map, bounds)).fold([0.0; 3], |a, b| std::array::from_fn(|i| a[i] + b[i]));

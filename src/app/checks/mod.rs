@@ -68,7 +68,7 @@ impl Finding {
 ///
 /// # Errors
 /// The first finding that is certain.
-pub fn refuse(findings: Vec<Finding>) -> Result<Vec<Warning>, Error> {
+pub(crate) fn refuse(findings: Vec<Finding>) -> Result<Vec<Warning>, Error> {
     if let Some(Finding { view, warning, .. }) = findings.iter().find(|f| f.certain) {
         let error = Error::invalid(&warning.what).coded(Code::Contradiction).hint(&warning.remedy);
         return Err(match view {
@@ -80,7 +80,7 @@ pub fn refuse(findings: Vec<Finding>) -> Result<Vec<Warning>, Error> {
 }
 
 /// Returns all findings as warnings.
-pub fn warnings(findings: Vec<Finding>) -> Vec<Warning> {
+pub(crate) fn warnings(findings: Vec<Finding>) -> Vec<Warning> {
     let named = |f: Finding| match f.view {
         Some(view) => Warning::new(format!("{view}: {}", f.warning.what), f.warning.remedy),
         None => f.warning,

@@ -69,7 +69,7 @@ impl PictureFacts {
 
 /// Contradictions of the pictures' pixels with the capture and with each other. `emission` tells whether they must show
 /// the one that the capture states.
-pub fn pictures(all: &[PictureFacts], capture: &Capture, emission: Emission) -> Vec<Finding> {
+pub(crate) fn pictures(all: &[PictureFacts], capture: &Capture, emission: Emission) -> Vec<Finding> {
     if let Some(first) = all.first().filter(|_| all.iter().all(|picture| picture.finite == 0)) {
         return vec![Finding::certain(
             Some(&first.name),

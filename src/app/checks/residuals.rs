@@ -123,7 +123,7 @@ impl Residuals {
     }
 
     /// Returns a warning for each way in which the residuals contradict the model.
-    pub fn warnings(&self) -> Vec<Warning> {
+    pub(crate) fn warnings(&self) -> Vec<Warning> {
         let mut warnings = Vec::new();
         let scale = self.peak.max(f64::MIN_POSITIVE);
         let rms = (self.square / self.count).sqrt() / scale;
@@ -178,7 +178,7 @@ const BELOW: f64 = 10.0;
 const GOOD: f64 = 36.0;
 
 /// A warning if held-out views are explained far worse than those that were used.
-pub fn held_out(train_psnr_db: f64, held_out_psnr_db: Option<f64>) -> Option<Warning> {
+pub(crate) fn held_out(train_psnr_db: f64, held_out_psnr_db: Option<f64>) -> Option<Warning> {
     let held_out = held_out_psnr_db?;
     (held_out < GOOD && held_out < train_psnr_db - BELOW).then(|| {
         Warning::new(
@@ -195,7 +195,7 @@ pub fn held_out(train_psnr_db: f64, held_out_psnr_db: Option<f64>) -> Option<War
 const POOR: f64 = 20.0;
 
 /// A warning if not even the views that were used are explained.
-pub fn unexplained(train_psnr_db: f64) -> Option<Warning> {
+pub(crate) fn unexplained(train_psnr_db: f64) -> Option<Warning> {
     (train_psnr_db < POOR).then(|| {
         Warning::new(
             format!("the views that were used are only met to {train_psnr_db:.1} dB: the result does not explain them"),

@@ -143,7 +143,7 @@ impl Gauge {
     ///
     /// # Errors
     /// If the films have different sizes.
-    pub fn add(&mut self, number: u32, linear: [&Film; 2]) -> Result<Comparison> {
+    pub(crate) fn add(&mut self, number: u32, linear: [&Film; 2]) -> Result<Comparison> {
         let films = linear.map(|film| self.space.of(film));
         let c = metrics::compare(&films[0], &films[1])?;
         let size = |film: &Film| [film.width, film.height];
@@ -167,7 +167,7 @@ impl Gauge {
     }
 
     /// Closes with the figures over all frames.
-    pub fn closed(self) -> Track {
+    pub(crate) fn closed(self) -> Track {
         let Self { mut frames, errors, changes, peak, .. } = self;
         let decibel = |error: f64| Some(psnr_db(error, peak)).filter(|v| v.is_finite());
         for (figures, change) in frames.iter_mut().zip(&changes) {

@@ -81,7 +81,7 @@ pub enum CompareReport {
 
 impl CompareReport {
     /// True if a difference was found.
-    pub fn differ(&self) -> bool {
+    pub(crate) fn differ(&self) -> bool {
         match self {
             Self::Pictures(pictures) => pictures.differ,
             Self::Sequences(sequences) => sequences.differ,
@@ -90,7 +90,7 @@ impl CompareReport {
     }
 
     /// True if no frame failed.
-    pub fn complete(&self) -> bool {
+    pub(crate) fn complete(&self) -> bool {
         match self {
             Self::Sequences(sequences) => sequences.failed.is_empty(),
             Self::Pictures(_) | Self::Statistical(_) => true,
@@ -110,7 +110,7 @@ impl fmt::Display for CompareReport {
 
 impl CompareSettings {
     /// Paths that are read.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         let repeats = self.statistical.repeats();
         [&self.a, &self.b].into_iter().chain(&self.beside).chain(repeats).map(PathBuf::as_path).collect()
     }

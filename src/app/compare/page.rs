@@ -31,7 +31,7 @@ impl Gallery {
 
     /// Adds the frame at `at` of the sequence with its number. `films` are those of the sequence beside, if there is
     /// one, of the first and of the reference.
-    pub fn add(&mut self, at: usize, number: u32, films: &[&Film], psnr_db: f64) {
+    pub(crate) fn add(&mut self, at: usize, number: u32, films: &[&Film], psnr_db: f64) {
         let moves = (self.from..self.from + MOST_FRAMES).contains(&at);
         let is_worst = self.worst.as_ref().is_none_or(|(worst, ..)| psnr_db < *worst);
         if !moves && !is_worst {
@@ -51,7 +51,7 @@ impl Gallery {
     ///
     /// # Errors
     /// If a picture or a plot cannot be drawn.
-    pub fn page(
+    pub(crate) fn page(
         &self,
         names: [&Path; 2],
         beside: Option<&Path>,

@@ -17,7 +17,7 @@ pub enum Space {
 
 impl Space {
     /// Returns what the values are, in words.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Linear => "scene-linear values",
             Self::Display => "display values (sRGB)",
@@ -25,7 +25,7 @@ impl Space {
     }
 
     /// Returns the values of a scene-linear film.
-    pub fn of(self, film: &Film) -> Cow<'_, Film> {
+    pub(crate) fn of(self, film: &Film) -> Cow<'_, Film> {
         match self {
             Self::Linear => Cow::Borrowed(film),
             Self::Display => Cow::Owned(display::film(film)),
@@ -34,7 +34,7 @@ impl Space {
 }
 
 /// Returns the mean FLIP of a scene-linear picture against a reference of equal size.
-pub fn flip(films: [&Film; 2]) -> f64 {
+pub(crate) fn flip(films: [&Film; 2]) -> f64 {
     let [a, b] = films.map(png::display_rgb8);
     metrics::flip::mean(&a, &b, [films[0].width as u32, films[0].height as u32])
 }

@@ -30,7 +30,7 @@ impl Matched {
     ///
     /// # Errors
     /// If the picture cannot be read.
-    pub fn read(path: &Path, reference: &Header, layer: Option<&str>, limits: Limits) -> Result<Self> {
+    pub(crate) fn read(path: &Path, reference: &Header, layer: Option<&str>, limits: Limits) -> Result<Self> {
         let header = exr::header(path)?;
         let mut picture = exr::picture_within(path, layer, limits)?;
         let mut differences = of_headers(&header, reference);
@@ -68,7 +68,7 @@ fn conversion(from: Primaries, to: Primaries, picture: &Picture) -> Conversion {
 }
 
 /// Returns what two pictures differ in by their headers. Sizes are left to the comparison, which refuses other ones.
-pub fn of_headers(a: &Header, b: &Header) -> Vec<String> {
+pub(crate) fn of_headers(a: &Header, b: &Header) -> Vec<String> {
     let mut differences = Vec::new();
     if a.pixel_aspect != b.pixel_aspect {
         differences.push(format!("pixel aspect {} and {}", a.pixel_aspect, b.pixel_aspect));
@@ -80,7 +80,7 @@ pub fn of_headers(a: &Header, b: &Header) -> Vec<String> {
 }
 
 /// Returns what the samples of two pictures differ in by more than a tolerance.
-pub fn of_samples(c: &Comparison, tolerance: f64) -> Vec<String> {
+pub(crate) fn of_samples(c: &Comparison, tolerance: f64) -> Vec<String> {
     let mut differences = Vec::new();
     for (what, most) in [("colors", c.max_abs), ("alpha", c.alpha_max_abs)] {
         if most > tolerance {
@@ -94,7 +94,7 @@ pub fn of_samples(c: &Comparison, tolerance: f64) -> Vec<String> {
 }
 
 /// Writes a verdict: that two things agree, or what they differ in.
-pub fn verdict(things: &str, differences: &[String]) -> String {
+pub(crate) fn verdict(things: &str, differences: &[String]) -> String {
     match differences {
         [] => format!("the {things} agree"),
         all => format!("the {things} differ: {}", all.join("; ")),

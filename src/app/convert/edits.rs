@@ -46,7 +46,7 @@ pub enum UpTarget {
 
 impl UpTarget {
     /// Returns the axis; `None` where nothing is to be turned.
-    pub fn axis(self) -> Option<Up> {
+    pub(crate) fn axis(self) -> Option<Up> {
         match self {
             Self::Auto => None,
             Self::Y => Some(Up::Y),
@@ -57,7 +57,7 @@ impl UpTarget {
 
 impl Edits {
     /// Returns the settings by name, each with whether it is given.
-    pub fn given(&self) -> [(&'static str, bool); 8] {
+    pub(crate) fn given(&self) -> [(&'static str, bool); 8] {
         [
             ("⟨filter⟩", self.filter.is_some()),
             ("⟨to⟩", self.to.is_some()),

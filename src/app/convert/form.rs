@@ -26,7 +26,7 @@ pub struct Formed {
 
 impl Form {
     /// Name of the form in sentences.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Fog => "fog volume",
             Self::LevelSet => "level set",
@@ -39,7 +39,7 @@ impl Form {
     ///
     /// # Errors
     /// If no surface has the value `iso`, the voxels of a level set would be no cubes, or memory does not suffice.
-    pub fn give(
+    pub(crate) fn give(
         self,
         native: &mut NativeGrid,
         info: &GridInfo,

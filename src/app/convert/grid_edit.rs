@@ -27,7 +27,11 @@ pub struct GridEdit<'e> {
 
 impl<'e> GridEdit<'e> {
     /// Leaves damaged metadata out, before anything else of the grid is looked at.
-    pub fn begin(native: &'e mut NativeGrid, budget: &'e mut Budget, warnings: &'e mut Vec<String>) -> Result<Self> {
+    pub(crate) fn begin(
+        native: &'e mut NativeGrid,
+        budget: &'e mut Budget,
+        warnings: &'e mut Vec<String>,
+    ) -> Result<Self> {
         let converted = ConvertedGrid { from: native.name().to_owned(), ..ConvertedGrid::default() };
         let (dropped, entry) = native.mend_metadata()?;
         if dropped > 0 {
@@ -41,7 +45,7 @@ impl<'e> GridEdit<'e> {
     }
 
     /// Keeps only what lies in a world-space box.
-    pub fn crop(&mut self, world: Aabb) -> Result<()> {
+    pub(crate) fn crop(&mut self, world: Aabb) -> Result<()> {
         let had_voxels = self.info.active_voxels > 0;
         let more = self.native.cropped_bytes(world)?;
         let needed = self.info.memory.saturating_add(more);
@@ -60,7 +64,7 @@ impl<'e> GridEdit<'e> {
     /// Resamples to cubic voxels of that edge length in world units: by the filter that is asked for, else by a box
     /// where no voxel gets finer, and trilinearly elsewhere. Distances to a surface are interpolated, never averaged:
     /// outside their narrow band there are none.
-    pub fn resample(&mut self, voxel_size: f64, filter: Option<ResampleFilter>) -> Result<()> {
+    pub(crate) fn resample(&mut self, voxel_size: f64, filter: Option<ResampleFilter>) -> Result<()> {
         let had_voxels = self.info.active_voxels > 0;
         let distances = self.info.class == GridClass::LevelSet;
         let filter = match filter {
@@ -96,7 +100,7 @@ impl<'e> GridEdit<'e> {
     }
 
     /// Takes the values through the steps of `scale`, `offset`, `map` and `threshold`, and to the type of `as`.
-    pub fn map(&mut self, to: GridType, mapping: &Mapping) -> Result<()> {
+    pub(crate) fn map(&mut self, to: GridType, mapping: &Mapping) -> Result<()> {
         let left = Limits { max_memory: self.budget.limit.saturating_sub(self.budget.held) };
         let (mapped, tally) = volume::mapped(self.native, to, mapping, left)?;
         *self.native = mapped;
@@ -118,19 +122,19 @@ impl<'e> GridEdit<'e> {
     }
 
     /// Counts the grid among those that stay in memory until all are written.
-    pub fn hold(&mut self) -> Result<()> {
+    pub(crate) fn hold(&mut self) -> Result<()> {
         self.budget.held += self.info.memory;
         self.budget.room(0, "holding the grids", ONE_BY_ONE)
     }
 
-    pub fn repair(&mut self, repair: Repair) -> Result<()> {
+    pub(crate) fn repair(&mut self, repair: Repair) -> Result<()> {
         let densities = repair == Repair::Density || self.info.class == GridClass::FogVolume;
         self.converted.repaired = Some(self.native.repair(densities)?);
         Ok(())
     }
 
     /// Has the values stored as 16-bit floats where they are real, and counts those that these cannot hold.
-    pub fn store_as_half(&mut self) -> Result<()> {
+    pub(crate) fn store_as_half(&mut self) -> Result<()> {
         if !half::can_store(&self.info.value_type) {
             return Ok(());
         }
@@ -140,20 +144,20 @@ impl<'e> GridEdit<'e> {
     }
 
     /// Attaches a transfer function as metadata.
-    pub fn attach(&mut self, transfer: &Transfer) -> Result<()> {
+    pub(crate) fn attach(&mut self, transfer: &Transfer) -> Result<()> {
         self.native.set_metadata(METADATA_KEY, &to_metadata(transfer))?;
         self.converted.transfer = true;
         Ok(())
     }
 
-    pub fn finish(self) -> Result<ConvertedGrid> {
+    pub(crate) fn finish(self) -> Result<ConvertedGrid> {
         let (name, active_voxels) = (self.native.name().to_owned(), self.native.info()?.active_voxels);
         Ok(ConvertedGrid { name, active_voxels, ..self.converted })
     }
 }
 
 /// Remedy where the grids of a conversion do not fit in memory together.
-pub const ONE_BY_ONE: &str = "raise ⟨max_memory⟩, or convert the grids one by one with ⟨grid⟩";
+pub(crate) const ONE_BY_ONE: &str = "raise ⟨max_memory⟩, or convert the grids one by one with ⟨grid⟩";
 
 /// Memory of all grids of a conversion together, in bytes.
 pub struct Budget {
@@ -163,7 +167,7 @@ pub struct Budget {
 
 impl Budget {
     /// Refuses a step that needs `bytes` beside the grids that are held already.
-    pub fn room(&self, bytes: u64, what: &str, hint: &str) -> Result<()> {
+    pub(crate) fn room(&self, bytes: u64, what: &str, hint: &str) -> Result<()> {
         let needed = self.held.saturating_add(bytes);
         if needed <= self.limit {
             return Ok(());

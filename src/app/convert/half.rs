@@ -6,7 +6,7 @@ use crate::text::printable;
 use half::f16;
 
 /// True if the values of a type can be stored as 16-bit floats.
-pub fn can_store(value_type: &str) -> bool {
+pub(crate) fn can_store(value_type: &str) -> bool {
     matches!(value_type, "float" | "double" | "vec3s" | "vec3d")
 }
 
@@ -14,7 +14,7 @@ pub fn can_store(value_type: &str) -> bool {
 ///
 /// # Errors
 /// If OpenVDB cannot read the grid.
-pub fn losses(native: &NativeGrid) -> Result<(u64, u64)> {
+pub(crate) fn losses(native: &NativeGrid) -> Result<(u64, u64)> {
     let (mut overflow, mut underflow) = (0, 0);
     let mut count = |values: &[f32]| {
         for v in values.iter().filter(|v| v.is_finite()) {
@@ -35,7 +35,7 @@ pub fn losses(native: &NativeGrid) -> Result<(u64, u64)> {
 ///
 /// # Errors
 /// If OpenVDB cannot read the grid.
-pub fn store(native: &mut NativeGrid) -> Result<Vec<String>> {
+pub(crate) fn store(native: &mut NativeGrid) -> Result<Vec<String>> {
     let name = printable(native.name()).into_owned();
     if !can_store(&native.info()?.value_type) {
         return Ok(vec![format!("grid '{name}': ⟨half⟩ has no effect on integers; give ⟨as=float⟩")]);

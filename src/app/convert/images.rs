@@ -68,7 +68,7 @@ impl ImageSettings {
     ///
     /// # Errors
     /// If the transform is singular.
-    pub fn reading(&self) -> Result<ReadOptions> {
+    pub(crate) fn reading(&self) -> Result<ReadOptions> {
         let raw = self.dims.zip(self.sample).map(|(size, sample)| RawLayout {
             size,
             sample,
@@ -90,12 +90,12 @@ impl ImageSettings {
     }
 
     /// Order of the axes of an array.
-    pub fn axes(&self) -> Axes {
+    pub(crate) fn axes(&self) -> Axes {
         self.axes.unwrap_or_default()
     }
 
     /// Type of the grid; arrays of NumPy make floats unless told otherwise.
-    pub fn grid_type(&self, numpy: bool) -> GridType {
+    pub(crate) fn grid_type(&self, numpy: bool) -> GridType {
         match self.grid_type {
             Some(stated) => stated,
             None if numpy => GridType::Float,
@@ -112,7 +112,7 @@ fn matrix(rows: [[f64; 4]; 3]) -> DMat4 {
 
 impl ValueSettings {
     /// Steps as the readers take them.
-    pub fn mapping(&self) -> Mapping {
+    pub(crate) fn mapping(&self) -> Mapping {
         Mapping {
             scale: self.scale.unwrap_or(1.0),
             offset: self.offset.unwrap_or(0.0),
@@ -122,13 +122,13 @@ impl ValueSettings {
     }
 
     /// True if there is a step.
-    pub fn any(&self) -> bool {
+    pub(crate) fn any(&self) -> bool {
         self.scale.is_some() || self.offset.is_some() || self.map.is_some() || self.threshold.is_some()
     }
 }
 
 /// Sentences about a grid that was made of an image and may not be what the user expects.
-pub fn remarks(grid: &GridPlace) -> Vec<String> {
+pub(crate) fn remarks(grid: &GridPlace) -> Vec<String> {
     let (name, values) = (printable(&grid.name), &grid.values);
     let mut remarks = Vec::new();
     if grid.active_voxels == 0 && values.vanished == 0 {
@@ -149,7 +149,7 @@ pub fn remarks(grid: &GridPlace) -> Vec<String> {
 }
 
 /// Sentences about values that a grid of 32-bit floats does not hold.
-pub fn losses(name: &str, values: &Tally, components: usize) -> Vec<String> {
+pub(crate) fn losses(name: &str, values: &Tally, components: usize) -> Vec<String> {
     // Vectors have no other type.
     let remedy = if components == 1 { "; ⟨as=double⟩ keeps them" } else { "" };
     let sentences = [
@@ -162,7 +162,7 @@ pub fn losses(name: &str, values: &Tally, components: usize) -> Vec<String> {
 }
 
 /// Error that nothing is left of a grid.
-pub fn empty(name: &str) -> Error {
+pub(crate) fn empty(name: &str) -> Error {
     Error::invalid("no value differs from the background, 0, so that no voxel is active")
         .part(format!("grid '{name}'"))
         .hint("choose another ⟨threshold⟩ or ⟨map⟩, or another array")

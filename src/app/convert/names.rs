@@ -35,7 +35,7 @@ impl Convention {
     /// Returns a name for each of `names`, with the remarks on those that keep theirs because another grid has or takes
     /// the name that they would get. Of several grids for one name, one that bears it already keeps it, else the first
     /// one takes it.
-    pub fn apply(self, names: &[String]) -> (Vec<String>, Vec<String>) {
+    pub(crate) fn apply(self, names: &[String]) -> (Vec<String>, Vec<String>) {
         let (mut given, mut remarks) = (Vec::new(), Vec::new());
         let mut taken: Vec<&str> = Vec::new();
         for name in names {

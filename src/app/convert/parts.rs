@@ -118,7 +118,7 @@ impl ConvertSettings {
 ///
 /// # Errors
 /// If two files state different up axes.
-pub fn check_up(files: &[File], warnings: &mut Vec<String>) -> Result<()> {
+pub(crate) fn check_up(files: &[File], warnings: &mut Vec<String>) -> Result<()> {
     let Some((first, stated)) = files.iter().find_map(|file| Some((file, file.up()?))) else { return Ok(()) };
     for file in files {
         let name = file.path().display();
@@ -150,7 +150,7 @@ pub fn check_up(files: &[File], warnings: &mut Vec<String>) -> Result<()> {
 ///
 /// # Errors
 /// If metadata cannot be read.
-pub fn further_metadata(files: &[File], warnings: &mut Vec<String>) -> Result<BTreeMap<String, MetaValue>> {
+pub(crate) fn further_metadata(files: &[File], warnings: &mut Vec<String>) -> Result<BTreeMap<String, MetaValue>> {
     let mut known = files[0].metadata()?;
     let mut further = BTreeMap::new();
     for file in &files[1..] {

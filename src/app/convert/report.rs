@@ -100,7 +100,7 @@ pub struct LayerPlace {
 }
 
 /// Matrix from the indices of an array, whose first voxel has index coordinates `origin`, to the world.
-pub fn array_to_world(grid: &Affine, origin: [i32; 3]) -> [[f64; 4]; 4] {
+pub(crate) fn array_to_world(grid: &Affine, origin: [i32; 3]) -> [[f64; 4]; 4] {
     let matrix = grid.matrix() * DMat4::from_translation(DVec3::from_array(origin.map(f64::from)));
     std::array::from_fn(|r| matrix.row(r).to_array())
 }
@@ -110,7 +110,7 @@ impl Image {
     ///
     /// # Errors
     /// If the output is not there.
-    pub fn of(input: &Path, output: &Path) -> Result<Self> {
+    pub(crate) fn of(input: &Path, output: &Path) -> Result<Self> {
         let bytes = std::fs::metadata(output).map_err(|e| Error::io(output, e))?.len();
         Ok(Self { input: input.to_path_buf(), output: output.to_path_buf(), bytes, ..Self::default() })
     }

@@ -55,7 +55,7 @@ pub enum GridSource {
 ///
 /// # Errors
 /// If a grid to be split or merged is not in the file, not among the chosen, or asked for twice.
-pub fn sources(split: &[String], merge: &[Merge], file: &File, chosen: &[String]) -> Result<Vec<GridSource>> {
+pub(crate) fn sources(split: &[String], merge: &[Merge], file: &File, chosen: &[String]) -> Result<Vec<GridSource>> {
     let find = |option: &str, name: &str| {
         let name = file.find(name)?.name.clone();
         if chosen.contains(&name) {
@@ -97,7 +97,7 @@ pub fn sources(split: &[String], merge: &[Merge], file: &File, chosen: &[String]
 
 impl GridSource {
     /// Returns the names of the grids as the output will have them, before they are renamed.
-    pub fn names(&self, file: &File) -> Result<Vec<String>> {
+    pub(crate) fn names(&self, file: &File) -> Result<Vec<String>> {
         Ok(match self {
             Self::Whole(name) => vec![file.find(name)?.base_name.clone()],
             Self::Split(name) => ["x", "y", "z"].map(|axis| format!("{name}.{axis}")).to_vec(),
@@ -106,7 +106,7 @@ impl GridSource {
     }
 
     /// Returns what the report says of where the grids come from.
-    pub fn origin(&self) -> String {
+    pub(crate) fn origin(&self) -> String {
         match self {
             Self::Whole(name) | Self::Split(name) => name.clone(),
             Self::Merged(_, parts) => parts.join(", "),
@@ -117,7 +117,7 @@ impl GridSource {
     ///
     /// # Errors
     /// If a grid cannot be read, taken apart or put together so.
-    pub fn read(&self, file: &File, room: &dyn Fn(u64) -> Result<()>) -> Result<Vec<NativeGrid>> {
+    pub(crate) fn read(&self, file: &File, room: &dyn Fn(u64) -> Result<()>) -> Result<Vec<NativeGrid>> {
         match self {
             Self::Whole(name) => Ok(vec![file.read(name)?]),
             Self::Split(name) => {

@@ -30,7 +30,7 @@ pub struct Turn {
 
 impl Turn {
     /// Returns the turn that the settings ask for; `None` without `up`.
-    pub fn of(edits: &Edits, file: &File) -> Option<Self> {
+    pub(crate) fn of(edits: &Edits, file: &File) -> Option<Self> {
         let to = edits.up.axis()?;
         let (from, reason) = match (edits.up_from, file.up()) {
             (UpChoice::Y, _) => (Up::Y, worded("⟨up_from⟩ says so").into()),
@@ -49,7 +49,7 @@ impl Turn {
     ///
     /// # Errors
     /// If the metadata of the input cannot be read.
-    pub fn metadata(&self, file: &File) -> Result<BTreeMap<String, MetaValue>> {
+    pub(crate) fn metadata(&self, file: &File) -> Result<BTreeMap<String, MetaValue>> {
         let mut metadata = BTreeMap::from([(UP_KEY.to_owned(), MetaValue::Text(self.to.name().into()))]);
         if let (true, Some(MetaValue::Text(creator))) = (self.from != self.to, file.metadata()?.get("creator")) {
             // A file that is turned back has its creator again.
@@ -67,7 +67,12 @@ impl Turn {
     ///
     /// # Errors
     /// If the grid is staggered, or its transform is not affine or cannot be written when turned.
-    pub fn apply(&self, native: &mut NativeGrid, info: &GridInfo, warnings: &mut Vec<String>) -> Result<Option<bool>> {
+    pub(crate) fn apply(
+        &self,
+        native: &mut NativeGrid,
+        info: &GridInfo,
+        warnings: &mut Vec<String>,
+    ) -> Result<Option<bool>> {
         if self.from == self.to {
             return Ok(None);
         }

@@ -26,7 +26,7 @@ impl Held {
     }
 
     /// Holds a file. Of more than fit, the frames that are needed last are let go.
-    pub fn insert(&mut self, frame: usize, document: Document) {
+    pub(crate) fn insert(&mut self, frame: usize, document: Document) {
         self.bytes += document.bytes();
         self.documents.insert(frame, document);
         while self.bytes > self.budget
@@ -37,7 +37,7 @@ impl Held {
     }
 
     /// Returns the file of a frame, if it is held.
-    pub fn take(&mut self, frame: usize) -> Option<Document> {
+    pub(crate) fn take(&mut self, frame: usize) -> Option<Document> {
         let document = self.documents.remove(&frame)?;
         self.bytes -= document.bytes();
         Some(document)

@@ -38,7 +38,7 @@ pub enum Motion {
 
 impl Motion {
     /// Returns the paths that the motion is read from: a pattern of files, or a volume and its cameras.
-    pub fn paths(&self) -> impl Iterator<Item = &Path> {
+    pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
         let paths = match self {
             Self::Files(path) => [Some(path), None],
             Self::Volume { input, cameras } => [Some(input), Some(cameras)],
@@ -51,7 +51,7 @@ impl Motion {
 impl Motion {
     /// Returns the files that the motion of a frame is read from, those that a scene file names among them; of a stage
     /// it is the stage alone.
-    pub fn files(&self, number: u32) -> Vec<PathBuf> {
+    pub(crate) fn files(&self, number: u32) -> Vec<PathBuf> {
         let frame =
             |path: &Path| Pattern::parse(path).map_or_else(|| path.to_path_buf(), |pattern| pattern.path(number));
         match self {
@@ -118,7 +118,7 @@ pub struct Moved {
 
 impl Moved {
     /// True if nothing moves.
-    pub fn is_zero(&self) -> bool {
+    pub(crate) fn is_zero(&self) -> bool {
         let zero = |motion: &Option<Vec<Vec2>>| motion.iter().flatten().all(|motion| *motion == Vec2::ZERO);
         zero(&self.toward) && zero(&self.away)
     }
@@ -161,7 +161,7 @@ impl<'m> Motions<'m> {
     ///
     /// # Errors
     /// If the layer, file or volume that was named is not there, or does not fit.
-    pub fn of(&mut self, asked: &Asked<'_>, cancel: &Cancel) -> Result<Moved> {
+    pub(crate) fn of(&mut self, asked: &Asked<'_>, cancel: &Cancel) -> Result<Moved> {
         let document = asked.document;
         let name = match self.motion {
             Motion::None => return Ok(Moved::default()),

@@ -21,7 +21,7 @@ impl Names {
     ///
     /// # Errors
     /// If it is a folder.
-    pub fn of(path: &Path) -> Result<Self> {
+    pub(crate) fn of(path: &Path) -> Result<Self> {
         match Pattern::parse(path) {
             Some(pattern) => Ok(Self::Sequence(pattern)),
             None if path.is_dir() => {
@@ -35,7 +35,7 @@ impl Names {
     ///
     /// # Errors
     /// If one names a sequence and the other a single picture.
-    pub fn alike(&self, path: &Path, what: &str) -> Result<Self> {
+    pub(crate) fn alike(&self, path: &Path, what: &str) -> Result<Self> {
         match (self, Pattern::parse(path)) {
             (Self::Sequence(_), Some(pattern)) => Ok(Self::Sequence(pattern)),
             (Self::Still(_, number), None) => Ok(Self::Still(path.to_owned(), *number)),
@@ -53,7 +53,7 @@ impl Names {
     ///
     /// # Errors
     /// If they are `chosen`.
-    pub fn check_frames(&self, chosen: bool) -> Result<()> {
+    pub(crate) fn check_frames(&self, chosen: bool) -> Result<()> {
         match self {
             Self::Still(path, _) if chosen => Err(Error::invalid("⟨frames⟩: this names one picture, and no sequence")
                 .at(path)
@@ -63,7 +63,7 @@ impl Names {
     }
 
     /// True for one picture.
-    pub fn is_still(&self) -> bool {
+    pub(crate) fn is_still(&self) -> bool {
         matches!(self, Self::Still(..))
     }
 
@@ -71,7 +71,7 @@ impl Names {
     ///
     /// # Errors
     /// If there is none.
-    pub fn all_numbers(&self) -> Result<Vec<u32>> {
+    pub(crate) fn all_numbers(&self) -> Result<Vec<u32>> {
         match self {
             Self::Sequence(pattern) => pattern.all_numbers(),
             Self::Still(_, number) => Ok(vec![*number]),
@@ -79,7 +79,7 @@ impl Names {
     }
 
     /// Returns the path of a picture.
-    pub fn path(&self, number: u32) -> PathBuf {
+    pub(crate) fn path(&self, number: u32) -> PathBuf {
         match self {
             Self::Sequence(pattern) => pattern.path(number),
             Self::Still(path, _) => path.clone(),

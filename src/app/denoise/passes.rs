@@ -17,7 +17,7 @@ pub type Thumbnail = Vec<Vec3>;
 const LOOK: usize = 2;
 
 /// Returns the mean colors of the finite pixels of parts of a picture.
-pub fn thumbnail(color: &[Vec3], [width, height]: [usize; 2]) -> Thumbnail {
+pub(crate) fn thumbnail(color: &[Vec3], [width, height]: [usize; 2]) -> Thumbnail {
     let mut sums = vec![(Vec3::ZERO, 0.0_f32); THUMBNAIL * THUMBNAIL];
     let bins: Vec<usize> = (0..width).map(|x| x * THUMBNAIL / width).collect();
     for (y, row) in color.chunks(width).enumerate().step_by(LOOK) {
@@ -124,7 +124,7 @@ impl Directions {
     }
 
     /// Begins a piece of work that depends on nothing before.
-    pub fn begin(&mut self) {
+    pub(crate) fn begin(&mut self) {
         self.denoisers.iter_mut().for_each(Denoiser::reset);
         (self.forward, self.is_cut) = (Course::default(), false);
         self.spare.extend(std::mem::take(&mut self.kept).into_values().flatten());
@@ -132,14 +132,14 @@ impl Directions {
     }
 
     /// Begins again at the first frame, with what was learned of the noise if it was that of the same shot.
-    pub fn rewind(&mut self) {
+    pub(crate) fn rewind(&mut self) {
         let again = if self.is_cut { Denoiser::reset } else { Denoiser::rewind };
         self.denoisers.iter_mut().for_each(again);
         (self.forward, self.is_cut) = (Course::default(), false);
     }
 
     /// Begins to look backwards.
-    pub fn turn(&mut self) {
+    pub(crate) fn turn(&mut self) {
         self.lookaheads.iter_mut().for_each(Lookahead::reset);
         self.backward = Course::default();
     }
@@ -149,7 +149,7 @@ impl Directions {
     ///
     /// # Errors
     /// If layers contradict their size.
-    pub fn look(&mut self, number: u32, view: &View, keep: bool) -> Result<()> {
+    pub(crate) fn look(&mut self, number: u32, view: &View, keep: bool) -> Result<()> {
         let (motion, cut) = self.backward.next(number, view, self.find_cuts);
         if cut {
             self.lookaheads.iter_mut().for_each(Lookahead::reset);
@@ -174,7 +174,7 @@ impl Directions {
     ///
     /// # Errors
     /// If the settings cannot be used, or layers contradict their size.
-    pub fn denoise(&mut self, number: u32, view: &View, again: bool, to: &mut Vec<Denoised>) -> Result<bool> {
+    pub(crate) fn denoise(&mut self, number: u32, view: &View, again: bool, to: &mut Vec<Denoised>) -> Result<bool> {
         // Its memory serves others until frames are looked at again.
         self.lookaheads.clear();
         let (motion, cut) = self.forward.next(number, view, self.find_cuts);

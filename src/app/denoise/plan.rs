@@ -44,7 +44,7 @@ const KEPT_BYTES: usize = 320 << 20;
 
 /// Returns how many frames of so many pixels, of all layers together, are looked at backwards before they are denoised:
 /// more take more memory and less time.
-pub fn kept(pixels: usize) -> usize {
+pub(crate) fn kept(pixels: usize) -> usize {
     (KEPT_BYTES / Ahead::PIXEL_BYTES / pixels.max(1)).clamp(4, 32)
 }
 
@@ -82,7 +82,7 @@ impl Plan {
     }
 
     /// Returns the frames in the order in which they are read.
-    pub fn reads(&self) -> impl Iterator<Item = Read> {
+    pub(crate) fn reads(&self) -> impl Iterator<Item = Read> {
         self.steps.iter().filter_map(|step| match *step {
             Step::Look { frame, .. } => Some(Read { frame, forward: false, write: false, again: true }),
             Step::Denoise { frame, write, again } => Some(Read { frame, forward: true, write, again }),

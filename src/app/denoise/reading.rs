@@ -34,7 +34,7 @@ impl Reader<'_> {
     ///
     /// # Errors
     /// If the file cannot be read, has not the layers that are asked for, or no finite pixel.
-    pub fn shot(&mut self, read: Read, cancel: &Cancel) -> Result<Shot> {
+    pub(crate) fn shot(&mut self, read: Read, cancel: &Cancel) -> Result<Shot> {
         let Read { frame, forward, write, again } = read;
         let path = &self.inputs[frame];
         let mut document = match self.held.take(frame) {

@@ -37,7 +37,7 @@ pub struct View {
 
 impl View {
     /// Returns a layer as a picture at rest.
-    pub fn frame<'l>(&self, layer: &'l Layer) -> Frame<'l> {
+    pub(crate) fn frame<'l>(&self, layer: &'l Layer) -> Frame<'l> {
         let alpha = layer.alpha.as_ref().map(|alpha| &alpha[..]);
         Frame { size: self.size, color: &layer.color, alpha, ..Frame::default() }
     }
@@ -58,7 +58,7 @@ pub struct Shot {
 
 impl Shot {
     /// Returns columns, rows and number of layers of each view.
-    pub fn shape(&self) -> Vec<([usize; 2], usize)> {
+    pub(crate) fn shape(&self) -> Vec<([usize; 2], usize)> {
         self.views.iter().map(|view| (view.size, view.layers.len())).collect()
     }
 }

@@ -85,7 +85,7 @@ pub enum DiffReport {
 
 impl DiffReport {
     /// True if no difference was found.
-    pub fn same(&self) -> bool {
+    pub(crate) fn same(&self) -> bool {
         match self {
             Self::Files(files) => files.same,
             Self::Sequences(sequences) => sequences.same,
@@ -93,7 +93,7 @@ impl DiffReport {
     }
 
     /// True if no frame failed.
-    pub fn complete(&self) -> bool {
+    pub(crate) fn complete(&self) -> bool {
         match self {
             Self::Files(_) => true,
             Self::Sequences(sequences) => sequences.failed.is_empty(),

@@ -67,7 +67,7 @@ pub struct GradientReport {
 
 impl GradientReport {
     /// True if no derivative that was checked is off by more than is allowed.
-    pub fn agrees(&self) -> bool {
+    pub(crate) fn agrees(&self) -> bool {
         self.worst_relative_error.zip(self.tolerance).is_none_or(|(worst, tolerance)| worst <= tolerance)
     }
 

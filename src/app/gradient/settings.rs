@@ -160,7 +160,7 @@ pub enum LossName {
 
 impl LossName {
     /// Name of the loss in settings, such as `log-transmittance`.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::L1 => "l1",
             Self::L2 => "l2",
@@ -175,7 +175,7 @@ impl LossName {
 
 impl GradientSettings {
     /// Paths that the derivatives are found from.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         [&self.input].into_iter().chain(&self.target).chain(&self.transfer.tf).map(PathBuf::as_path).collect()
     }
 

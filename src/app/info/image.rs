@@ -40,7 +40,7 @@ struct Entry {
 ///
 /// # Errors
 /// If the file cannot be read, or its header is damaged or incomplete.
-pub fn summary(path: &Path, kind: Format, limits: Limits) -> Result<Summary> {
+pub(crate) fn summary(path: &Path, kind: Format, limits: Limits) -> Result<Summary> {
     let images = format::open(path, kind, &Options::default(), limits)?;
     let entry = |header: Header| Entry {
         name: header.name,

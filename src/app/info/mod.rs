@@ -74,7 +74,7 @@ enum Content {
 
 impl InfoReport {
     /// True if all files, and all frames between the first and the last one of sequences, could be read.
-    pub fn complete(&self) -> bool {
+    pub(crate) fn complete(&self) -> bool {
         // A frame that is missing is one that cannot be read.
         self.files.iter().all(|file| file.error.is_none()) && !self.sequences.iter().any(Summary::has_holes)
     }

@@ -34,7 +34,7 @@ struct Grid {
 ///
 /// # Errors
 /// If the file cannot be read, or its directory is damaged.
-pub fn summary(path: &Path, limits: Limits) -> Result<Summary> {
+pub(crate) fn summary(path: &Path, limits: Limits) -> Result<Summary> {
     let file = File::open(path, limits)?;
     let [major, minor, patch] = file.version();
     let grid = |e: &crate::formats::nanovdb::Entry| Grid {

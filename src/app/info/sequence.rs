@@ -31,7 +31,7 @@ pub(super) struct Summary {
 
 impl Summary {
     /// True if frames are missing.
-    pub fn has_holes(&self) -> bool {
+    pub(crate) fn has_holes(&self) -> bool {
         !self.missing.is_empty()
     }
 }

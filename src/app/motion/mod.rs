@@ -18,7 +18,8 @@ use crate::scene::capture::Capture;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::{Path, PathBuf};
-pub use tracing::{Choices, SAMPLES, Tracing};
+pub(crate) use tracing::SAMPLES;
+pub use tracing::{Choices, Tracing};
 
 /// Settings of the motion of what pictures of a volume show, written as a layer that denoisers follow.
 ///
@@ -97,7 +98,7 @@ pub struct MotionReport {
 
 impl MotionReport {
     /// True if no frame failed.
-    pub fn complete(&self) -> bool {
+    pub(crate) fn complete(&self) -> bool {
         self.failed.is_empty()
     }
 }
@@ -113,7 +114,7 @@ impl fmt::Display for MotionReport {
 
 impl MotionSettings {
     /// Paths that the motion is made from.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         [self.input.as_path(), &self.cameras].into_iter().chain(self.transfer.file()).collect()
     }
 

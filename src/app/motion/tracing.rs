@@ -39,7 +39,7 @@ pub struct Choices {
 }
 
 /// Rays per pixel unless another number is asked for.
-pub const SAMPLES: u32 = 16;
+pub(crate) const SAMPLES: u32 = 16;
 
 /// Motions of frames that show a volume, a scene file or a USD stage.
 pub struct Tracing {
@@ -99,7 +99,7 @@ impl Tracing {
     }
 
     /// Returns the extinction per unit of density and length of the frames' volume; `None` for scene files and stages.
-    pub fn density_scale(&self) -> Option<f64> {
+    pub(crate) fn density_scale(&self) -> Option<f64> {
         let is_scene = self.volumes.is_none() && is_scene(&self.input).unwrap_or_default();
         (!is_scene).then(|| self.choices.density_scale.unwrap_or(self.capture.density_scale))
     }
@@ -109,7 +109,7 @@ impl Tracing {
     ///
     /// # Errors
     /// If the volume cannot be read, or the work is interrupted.
-    pub fn film(&mut self, number: u32, cancel: &Cancel) -> Result<Film> {
+    pub(crate) fn film(&mut self, number: u32, cancel: &Cancel) -> Result<Film> {
         let at = self.numbers.binary_search(&number).unwrap_or(0).min(self.cameras.len() - 1);
         let input = self.volumes.as_ref().map_or_else(|| self.input.clone(), |pattern| pattern.path(number));
         let same = |last: &Loaded| last.path == input && last.only.is_none_or(|only| only == number);

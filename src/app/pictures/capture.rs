@@ -33,7 +33,7 @@ pub(in crate::app) enum Cameras<'c> {
 
 impl Cameras<'_> {
     /// Returns cameras around the subject by the axis that was chosen; none where a capture states the cameras.
-    pub fn around(up: Option<&ChosenUp>) -> Self {
+    pub(crate) fn around(up: Option<&ChosenUp>) -> Self {
         Self::Around(up.map_or(Up::default(), |up| up.axis))
     }
 }

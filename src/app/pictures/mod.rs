@@ -12,4 +12,4 @@ pub mod subject;
 
 pub(in crate::app) use capture::Cameras;
 pub use settings::{DensityScale, PictureSettings, PlanningSettings};
-pub use stage::SIZE;
+pub(crate) use stage::SIZE;

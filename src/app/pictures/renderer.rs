@@ -27,7 +27,7 @@ impl PictureSettings {
     ///
     /// # Errors
     /// If a medium or a light cannot be used, or an effect is kept by force that the scene does not have.
-    pub fn plan(&self, scene: &Scene, paths: bool) -> Result<Plan> {
+    pub(crate) fn plan(&self, scene: &Scene, paths: bool) -> Result<Plan> {
         let mut force = self.planning.force.clone();
         if paths {
             force.push(Effect::Scattering);
@@ -42,7 +42,7 @@ impl PictureSettings {
     }
 
     /// True if effects may be left out that the scene calls for.
-    pub fn leaves_out(&self) -> bool {
+    pub(crate) fn leaves_out(&self) -> bool {
         self.planning.max_omitted > 0.0 || !self.planning.force.is_empty()
     }
 
@@ -69,13 +69,13 @@ impl PictureSettings {
     }
 
     /// Returns the quadrature along straight rays.
-    pub fn quadrature(&self, scene: &Scene) -> Quadrature {
+    pub(crate) fn quadrature(&self, scene: &Scene) -> Quadrature {
         self.quadrature.unwrap_or_else(|| AnyRenderer::usual_quadrature(scene))
     }
 
     /// Returns the rays along each edge of a pixel. A picture that was to be made of paths, of which none is called
     /// for, has as many rays as paths were asked for, or more.
-    pub fn rays_per_edge(&self, paths: bool) -> usize {
+    pub(crate) fn rays_per_edge(&self, paths: bool) -> usize {
         match paths {
             true => f64::from(self.scattering.samples()).sqrt().ceil() as usize,
             false => self.supersample as usize,

@@ -16,12 +16,12 @@ pub(in crate::app) struct DensityScales {
 
 impl DensityScales {
     /// Creates the scale of pictures that have one.
-    pub fn one(scale: f64) -> Self {
+    pub(crate) fn one(scale: f64) -> Self {
         Self { density_scale: Some(scale), density_scales: Vec::new() }
     }
 
     /// Returns the scales of a subject's pictures: those of a scene's media, else `scale`.
-    pub fn of(subject: &Subject, scale: f64) -> Self {
+    pub(crate) fn of(subject: &Subject, scale: f64) -> Self {
         let Subject::Scene { scene, .. } = subject else { return Self::one(scale) };
         let scales: Vec<f64> =
             scene.volumes.iter().filter_map(|volume| volume.density()).map(|(_, medium)| medium.extinction).collect();
@@ -32,7 +32,7 @@ impl DensityScales {
     }
 
     /// Returns the scale where there is one.
-    pub fn single(&self) -> Option<f64> {
+    pub(crate) fn single(&self) -> Option<f64> {
         self.density_scale
     }
 }

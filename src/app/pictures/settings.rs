@@ -113,7 +113,7 @@ impl Default for PictureSettings {
 
 impl PictureSettings {
     /// Paths that the pictures are made from.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         let others = [self.transfer.file(), self.scattering.sky_file(), self.cameras.as_deref()];
         std::iter::once(self.input.as_path()).chain(others.into_iter().flatten()).collect()
     }

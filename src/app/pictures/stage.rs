@@ -14,7 +14,7 @@ use crate::scene::capture::Capture;
 use std::path::{Path, PathBuf};
 
 /// Size of pictures in pixels where nothing states it.
-pub const SIZE: [u32; 2] = [256, 256];
+pub(crate) const SIZE: [u32; 2] = [256, 256];
 
 impl PictureSettings {
     /// Returns the pattern of the numbered VDBs in the folder that is named as the input; `None` for any other input.
@@ -37,7 +37,7 @@ impl PictureSettings {
     ///
     /// # Errors
     /// If the input cannot be read.
-    pub fn shows_stage(&self) -> Result<bool> {
+    pub(crate) fn shows_stage(&self) -> Result<bool> {
         if Pattern::parse(&self.input).is_some() {
             return Ok(false);
         }

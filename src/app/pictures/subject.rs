@@ -38,7 +38,7 @@ pub(in crate::app) enum Subject {
 
 impl Subject {
     /// Returns world points around all that may be seen; `transfer` is the function by which the grids are.
-    pub fn outline(&self, transfer: Option<&Transfer>) -> Vec<DVec3> {
+    pub(crate) fn outline(&self, transfer: Option<&Transfer>) -> Vec<DVec3> {
         let by_function = |field: &Bricks<f32>, table: &Table| {
             let shown = field.outline_of(|value| table.at(f64::from(value))[3] > 0.0);
             // What a function shows between two voxels alone lies among them all.
@@ -62,12 +62,12 @@ impl Subject {
     }
 
     /// True if it is rendered by path tracing whatever the settings say.
-    pub fn is_scene(&self) -> bool {
+    pub(crate) fn is_scene(&self) -> bool {
         matches!(self, Self::Scene { .. })
     }
 
     /// Returns what is stated and has no effect, or is assumed, in words.
-    pub fn remarks(&self) -> &[String] {
+    pub(crate) fn remarks(&self) -> &[String] {
         match self {
             Self::Grids(_) => &[],
             Self::Scene { remarks, .. } => remarks,
@@ -75,7 +75,7 @@ impl Subject {
     }
 
     /// Returns the index-to-world map of the volume, if there is but one.
-    pub fn lattice(&self) -> Option<DMat4> {
+    pub(crate) fn lattice(&self) -> Option<DMat4> {
         match self {
             Self::Grids(grids) => Some(grids.density_or_extinction().transform.matrix()),
             Self::Scene { .. } => None,

@@ -166,7 +166,7 @@ struct Search {
 
 impl PoseSettings {
     /// Paths that the cameras are found from.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         [&self.capture, &self.volume].into_iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
     }
 

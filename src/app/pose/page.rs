@@ -13,7 +13,7 @@ use crate::scene::film::Film;
 
 /// Makes the page: how far each camera was moved, and its picture beside a render from where it stands now. Once the
 /// work is to stop, views are left out that are not rendered yet.
-pub fn page(
+pub(crate) fn page(
     report: &PoseReport,
     solved: &Capture,
     targets: &[Target],

@@ -24,7 +24,7 @@ impl LoadedCapture {
     ///
     /// # Errors
     /// If the capture cannot be read.
-    pub fn load(path: &Path, limits: Limits) -> Result<Self> {
+    pub(crate) fn load(path: &Path, limits: Limits) -> Result<Self> {
         let json = captures::file(path);
         let capture = captures::load_within(&json, limits)?;
         Ok(Self { json, stated: capture.clone(), capture })
@@ -34,7 +34,7 @@ impl LoadedCapture {
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn save_cameras(&self, path: &Path, provenance: &Provenance) -> Result<()> {
+    pub(crate) fn save_cameras(&self, path: &Path, provenance: &Provenance) -> Result<()> {
         let mut capture = self.stated.clone();
         capture.frames.iter_mut().zip(&self.capture.frames).for_each(|(frame, own)| frame.camera = own.camera);
         let extra = Map::from_iter([("provenance".into(), json!(provenance))]);
@@ -45,7 +45,7 @@ impl LoadedCapture {
     ///
     /// # Errors
     /// If the pictures show scattered light.
-    pub fn suits_function(&self) -> Result<()> {
+    pub(crate) fn suits_function(&self) -> Result<()> {
         if self.capture.model != Model::Scattering {
             return Ok(());
         }
@@ -63,7 +63,7 @@ impl LoadedCapture {
     ///
     /// # Errors
     /// If the file of the capture states such a medium.
-    pub fn suits_alpha(&self, limits: Limits) -> Result<()> {
+    pub(crate) fn suits_alpha(&self, limits: Limits) -> Result<()> {
         if self.capture.model != Model::Scattering || !is_chromatic(&self.json, limits) {
             return Ok(());
         }

@@ -79,7 +79,7 @@ impl Default for ColorSettings {
 
 impl ColorSettings {
     /// Paths that the volume is made from.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         vec![&self.capture]
     }
 

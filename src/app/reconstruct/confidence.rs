@@ -48,7 +48,7 @@ pub struct Fit<'f> {
 ///
 /// # Errors
 /// If the medium cannot be used.
-pub fn of_densities(
+pub(crate) fn of_densities(
     field: &Bricks<f32>,
     name: &str,
     fit: Fit<'_>,
@@ -87,7 +87,7 @@ fn shown_alike(share: f64) -> Option<Warning> {
 ///
 /// # Errors
 /// If the medium cannot be used.
-pub fn of_cameras(field: &Bricks<f32>, fit: Fit<'_>) -> Result<Option<Warning>> {
+pub(crate) fn of_cameras(field: &Bricks<f32>, fit: Fit<'_>) -> Result<Option<Warning>> {
     let Request { medium, background, bounds, rays_per_edge, cancel, .. } = fit.request;
     let renderer = Dvr::new(field, medium.clone())?.over(*background);
     let (colors, points) = (Colors::from_medium(medium, *background), bounds.inner_corners());
@@ -98,7 +98,11 @@ pub fn of_cameras(field: &Bricks<f32>, fit: Fit<'_>) -> Result<Option<Warning>> 
 /// Measures the confidences of a pre-shaded volume, as a grid beside that of the extinctions and one beside that of the
 /// emissions, whose three colors share theirs; no grids once the work is to stop. The warnings are those of the
 /// residuals.
-pub fn of_pre_shaded(volume: &Bricks<Vec4>, fit: Fit<'_>, tick: impl FnMut(usize, usize)) -> (Vec<Grid>, Vec<Warning>) {
+pub(crate) fn of_pre_shaded(
+    volume: &Bricks<Vec4>,
+    fit: Fit<'_>,
+    tick: impl FnMut(usize, usize),
+) -> (Vec<Grid>, Vec<Warning>) {
     let deviation = |c: usize| PRIOR_DEVIATION * top(volume.owned().into_iter().map(|v| v[c]));
     let emission = (0..3).map(deviation).fold(0.0, f64::max);
     let renderer = Preshaded::new(volume).over(fit.request.background);

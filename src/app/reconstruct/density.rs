@@ -200,7 +200,7 @@ impl From<DensitySolver> for Solver {
 
 impl DensitySettings {
     /// Paths that the densities are made from.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         let others = [&self.transfer.tf, &self.init].into_iter().flatten();
         others.chain([&self.capture]).map(PathBuf::as_path).collect()
     }

@@ -45,7 +45,7 @@ impl Forecast<'_> {
     ///
     /// # Errors
     /// If a picture cannot be read.
-    pub fn tell(
+    pub(crate) fn tell(
         self,
         region: &RegionSettings,
         context: &Context,

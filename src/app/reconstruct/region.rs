@@ -57,7 +57,7 @@ impl Unknowns {
     ///
     /// # Errors
     /// Those of [`vdb::writable`].
-    pub fn writable(&self, output: &Path) -> Result<()> {
+    pub(crate) fn writable(&self, output: &Path) -> Result<()> {
         vdb::writable(&self.placed.lattice).map_err(|e| {
             e.at(output).instead(
                 "scale the scene up: multiply the positions in each 'transform_matrix', the lattice and ⟨voxel_size⟩ \

@@ -12,24 +12,24 @@ pub(super) struct StageClock {
 
 impl StageClock {
     /// Starts the clock of the first stage.
-    pub fn start() -> Self {
+    pub(crate) fn start() -> Self {
         Self { begun: Instant::now(), stages: Vec::new() }
     }
 
     /// Ends a stage under the given name, and begins the next one.
-    pub fn end(&mut self, name: &str) {
+    pub(crate) fn end(&mut self, name: &str) {
         self.stages.push(Stage { name: name.into(), seconds: self.begun.elapsed().as_secs_f64() });
         self.begun = Instant::now();
     }
 
     /// Adds the stages that a solver has measured itself, and begins the next one.
-    pub fn append(&mut self, solver_stages: Vec<Stage>) {
+    pub(crate) fn append(&mut self, solver_stages: Vec<Stage>) {
         self.stages.extend(solver_stages);
         self.begun = Instant::now();
     }
 
     /// Returns all stages in the order of the work.
-    pub fn into_stages(self) -> Vec<Stage> {
+    pub(crate) fn into_stages(self) -> Vec<Stage> {
         self.stages
     }
 }

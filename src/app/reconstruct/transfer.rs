@@ -121,7 +121,7 @@ pub enum Choice {
 
 impl TransferFunctionSettings {
     /// Paths that the function is made from.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         [&self.capture, &self.volume].into_iter().chain(&self.init).map(PathBuf::as_path).collect()
     }
 

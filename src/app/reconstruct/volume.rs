@@ -103,7 +103,7 @@ impl<'t> VolumeTask<'t> {
     ///
     /// # Errors
     /// If a picture cannot be read.
-    pub fn forecast(
+    pub(crate) fn forecast(
         &self,
         region: &RegionSettings,
         channels: Channels,
@@ -119,7 +119,7 @@ impl<'t> VolumeTask<'t> {
     ///
     /// # Errors
     /// If the pictures cannot be read or used.
-    pub fn read(
+    pub(crate) fn read(
         &mut self,
         emission: Emission,
         channels: Channels,
@@ -148,7 +148,7 @@ impl<'t> VolumeTask<'t> {
     }
 
     /// Ends the stage that read the pictures, and keeps how their cameras moved since, with the warnings about that.
-    pub fn refined(&mut self, refined: RefinedCameras, mut warnings: Vec<Warning>) {
+    pub(crate) fn refined(&mut self, refined: RefinedCameras, mut warnings: Vec<Warning>) {
         self.clock.end("read pictures and refine cameras");
         self.refined = Some(refined);
         self.warnings.append(&mut warnings);
@@ -158,7 +158,7 @@ impl<'t> VolumeTask<'t> {
     ///
     /// # Errors
     /// If the pictures leave no region for the voxels.
-    pub fn measure(&mut self, region: &RegionSettings, pictures: Pictures) -> Result<Measurements> {
+    pub(crate) fn measure(&mut self, region: &RegionSettings, pictures: Pictures) -> Result<Measurements> {
         let LoadedCapture { json, capture, .. } = &self.input;
         let mut unknowns = region.choose(capture, &pictures.observation, &self.task.context).map_err(|e| e.at(json))?;
         self.task.context.warn(&unknowns.warnings);
@@ -170,7 +170,13 @@ impl<'t> VolumeTask<'t> {
     ///
     /// # Errors
     /// If the unknowns do not fit in memory, or no VDB can hold their lattice.
-    pub fn plan(&mut self, measurements: &Measurements, request: &Request, method: Method, steps: u64) -> Result<()> {
+    pub(crate) fn plan(
+        &mut self,
+        measurements: &Measurements,
+        request: &Request,
+        method: Method,
+        steps: u64,
+    ) -> Result<()> {
         self.clock.end(if self.refined.is_some() { "choose the region" } else { "read pictures" });
         let pixels = self.input.capture.pixels();
         let expected = Cost::new(method, &measurements.unknowns.placed.survey, request, pixels, steps);
@@ -186,7 +192,7 @@ impl<'t> VolumeTask<'t> {
     ///
     /// # Errors
     /// Those of the solver.
-    pub fn solve<T>(
+    pub(crate) fn solve<T>(
         &self,
         what: &'static str,
         steps: u64,
@@ -202,7 +208,7 @@ impl<'t> VolumeTask<'t> {
     }
 
     /// Adds the stages that the solver has measured.
-    pub fn solved(&mut self, stages: Vec<Stage>) {
+    pub(crate) fn solved(&mut self, stages: Vec<Stage>) {
         self.clock.append(stages);
     }
 
@@ -211,7 +217,7 @@ impl<'t> VolumeTask<'t> {
     ///
     /// # Errors
     /// Those of `measure`.
-    pub fn confidence(
+    pub(crate) fn confidence(
         &mut self,
         solved: &mut Solved,
         measure: impl FnOnce(&dyn Fn(usize, usize)) -> Result<(Vec<Grid>, Vec<Warning>)>,
@@ -234,7 +240,7 @@ impl<'t> VolumeTask<'t> {
     ///
     /// # Errors
     /// Those of `write`, or if that capture cannot be written.
-    pub fn write(&mut self, write: impl FnOnce(&BTreeMap<String, MetaValue>) -> Result<()>) -> Result<()> {
+    pub(crate) fn write(&mut self, write: impl FnOnce(&BTreeMap<String, MetaValue>) -> Result<()>) -> Result<()> {
         self.task.provenance.lap();
         write(&self.task.provenance.metadata())?;
         if let Some(refined) = &self.refined {
@@ -249,7 +255,7 @@ impl<'t> VolumeTask<'t> {
     ///
     /// # Errors
     /// If the page cannot be made.
-    pub fn finish(
+    pub(crate) fn finish(
         self,
         solver: Solver,
         grid: String,

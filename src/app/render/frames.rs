@@ -54,7 +54,7 @@ pub struct FramesReport {
 
 impl FramesReport {
     /// True if no frame failed.
-    pub fn complete(&self) -> bool {
+    pub(crate) fn complete(&self) -> bool {
         self.failed.is_empty()
     }
 }
@@ -173,7 +173,7 @@ impl RenderSettings {
 ///
 /// # Errors
 /// If a frame has no camera.
-pub fn between(template: &Capture, path: &Path, numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
+pub(crate) fn between(template: &Capture, path: &Path, numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
     if let [only] = &template.frames[..] {
         return Ok(vec![[only.camera; 3]]);
     }

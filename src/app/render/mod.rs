@@ -6,7 +6,8 @@ mod sequence;
 mod target;
 mod visibility;
 
-pub use frames::{FramesReport, between};
+pub use frames::FramesReport;
+pub(crate) use frames::between;
 
 use crate::app::Context;
 use crate::app::context::Picture;

@@ -26,7 +26,7 @@ impl<'p> Target<'p> {
     ///
     /// # Errors
     /// If the path cannot be what its name says, or cannot be written.
-    pub fn of(path: &'p Path) -> Result<Self> {
+    pub(crate) fn of(path: &'p Path) -> Result<Self> {
         Ok(match outputs::pictures(path)? {
             Some(_) => Self::File(path),
             None => Self::Folder(path),
@@ -37,7 +37,7 @@ impl<'p> Target<'p> {
     ///
     /// # Errors
     /// If there is not one picture for a file.
-    pub fn holds(self, count: usize, what: &str, option: &str) -> Result<()> {
+    pub(crate) fn holds(self, count: usize, what: &str, option: &str) -> Result<()> {
         match self {
             Self::File(path) if count != 1 => {
                 Err(Error::invalid(format!("{count} {what} are to be rendered, and this is the name of one picture"))
@@ -49,7 +49,7 @@ impl<'p> Target<'p> {
     }
 
     /// Returns the path of the picture that would have this name in a folder.
-    pub fn picture(self, name: &str) -> PathBuf {
+    pub(crate) fn picture(self, name: &str) -> PathBuf {
         match self {
             Self::Folder(folder) => folder.join(name),
             Self::File(path) => path.to_path_buf(),
@@ -57,7 +57,7 @@ impl<'p> Target<'p> {
     }
 
     /// Returns the path of the capture, which a file does not have.
-    pub fn json(self) -> Option<PathBuf> {
+    pub(crate) fn json(self) -> Option<PathBuf> {
         match self {
             Self::Folder(folder) => Some(folder.join(FILE_NAME)),
             Self::File(_) => None,

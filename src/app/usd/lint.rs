@@ -70,19 +70,19 @@ impl Told {
 
 impl LintReport {
     /// True if no stage has a problem that is left.
-    pub fn clean(&self) -> bool {
+    pub(crate) fn clean(&self) -> bool {
         self.clean
     }
 
     /// True if all stages could be read.
-    pub fn complete(&self) -> bool {
+    pub(crate) fn complete(&self) -> bool {
         self.stages.iter().all(|stage| stage.error.is_none())
     }
 }
 
 impl LintSettings {
     /// Paths of the stages.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         self.stages.iter().map(PathBuf::as_path).collect()
     }
 

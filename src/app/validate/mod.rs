@@ -87,12 +87,12 @@ impl Checked {
 
 impl ValidateReport {
     /// True if all files could be read, and none has a fault.
-    pub fn valid(&self) -> bool {
+    pub(crate) fn valid(&self) -> bool {
         self.valid
     }
 
     /// True if all files, and all frames between the first and the last one of sequences, could be read.
-    pub fn complete(&self) -> bool {
+    pub(crate) fn complete(&self) -> bool {
         // A frame that is missing is one that cannot be read.
         self.files.iter().all(|f| f.error.is_none()) && self.sequences.iter().all(|s| s.missing.is_empty())
     }

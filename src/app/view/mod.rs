@@ -88,7 +88,7 @@ const ENDINGS: [&str; 3] = ["vdb", "nvdb", "exr"];
 
 impl ViewSettings {
     /// Paths that the sheets show, and that of the transfer function.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         self.files.iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
     }
 
@@ -104,7 +104,7 @@ impl ViewSettings {
     ///
     /// # Errors
     /// Those of [`Self::run`] and of `show`.
-    pub fn show(&self, context: &Context, show: &mut dyn FnMut(&Canvas) -> Result<()>) -> Result<ViewReport> {
+    pub(crate) fn show(&self, context: &Context, show: &mut dyn FnMut(&Canvas) -> Result<()>) -> Result<ViewReport> {
         let outputs = self.output.as_deref().map(|path| self.outputs(path)).transpose()?;
         let (mut sheets, mut failed) = (Vec::new(), Vec::new());
         for (i, file) in self.files.iter().enumerate() {

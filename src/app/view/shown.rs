@@ -133,7 +133,7 @@ pub(super) struct Sequence {
 
 impl ViewReport {
     /// True if all files were shown, with all frames of sequences.
-    pub fn complete(&self) -> bool {
+    pub(crate) fn complete(&self) -> bool {
         self.failed.is_empty() && self.sheets.iter().all(|shown| shown.content.failed().is_empty())
     }
 }
@@ -152,7 +152,7 @@ impl fmt::Display for ViewReport {
 
 impl Content {
     /// Returns the frames of a sequence that are not shown, since they are missing or cannot be read.
-    pub fn failed(&self) -> &[Failed] {
+    pub(crate) fn failed(&self) -> &[Failed] {
         match self {
             Self::Sequence(sequence) => &sequence.failed,
             _ => &[],

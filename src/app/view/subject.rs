@@ -48,7 +48,7 @@ impl Subject {
     ///
     /// # Errors
     /// If the grid does not fit in memory, has no affine transform, or a transfer function cannot be used with it.
-    pub fn of(view: &ViewSettings, native: &NativeGrid, info: &GridInfo) -> Result<Self> {
+    pub(crate) fn of(view: &ViewSettings, native: &NativeGrid, info: &GridInfo) -> Result<Self> {
         let limits = view.limits;
         let requested = view.transfer.load(limits)?;
         let carried = transfer::from_metadata(&native.metadata()?).unwrap_or_default();
@@ -68,7 +68,7 @@ impl Subject {
     }
 
     /// Returns how the density is shown, in words.
-    pub fn light(&self) -> &'static str {
+    pub(crate) fn light(&self) -> &'static str {
         match self.source {
             Source::Transfer(_) => "by transfer function",
             _ => "absorption",
@@ -77,7 +77,7 @@ impl Subject {
 
     /// Returns a camera that shows no more than what can be seen of the subject: the outline of its boxes is wider than
     /// a cloud whose edges are thin. The longer side of the picture has `side` pixels.
-    pub fn framed(&self, camera: &Camera, side: usize) -> Camera {
+    pub(crate) fn framed(&self, camera: &Camera, side: usize) -> Camera {
         let Some(depths) = self.depths(camera) else { return *camera };
         let most = depths.iter().copied().fold(0.0, f64::max);
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -118,7 +118,7 @@ impl Subject {
 
     /// Returns the extinction per unit of density for a camera: that of the settings, or the one at which the picture
     /// neither vanishes nor goes black; `None` if nothing is in view.
-    pub fn scale(&self, view: &ViewSettings, camera: &Camera) -> Option<f64> {
+    pub(crate) fn scale(&self, view: &ViewSettings, camera: &Camera) -> Option<f64> {
         match view.density_scale {
             DensityScale::Given(scale) => Some(scale),
             DensityScale::Auto => scale::density_scale(&self.field, &self.source, &[*camera]),
@@ -129,7 +129,7 @@ impl Subject {
     ///
     /// # Errors
     /// If the medium cannot be rendered, or the user stopped the work.
-    pub fn picture(self, camera: &Camera, scale: f64, cancel: &Cancel) -> Result<Film> {
+    pub(crate) fn picture(self, camera: &Camera, scale: f64, cancel: &Cancel) -> Result<Film> {
         let shines = matches!(self.source, Source::Transfer(_));
         let quadrature = Quadrature::usual(&self.source);
         let scene = Scene {

@@ -190,7 +190,7 @@ type Samples = (Vec<(DVec3, f64)>, f64);
 
 impl ViewpointSettings {
     /// Paths that the viewpoints are found from.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         [&self.input].into_iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
     }
 

@@ -10,7 +10,7 @@ use glam::DVec3;
 use std::path::Path;
 
 /// Makes the page of a search: best view, entropies and paths over the sphere, and a table of the starts.
-pub fn page(
+pub(crate) fn page(
     input: &Path,
     report: &ViewpointReport,
     outcome: &Outcome,

@@ -1,11 +1,11 @@
 //! Groups of options that several commands share, each as the settings of the use cases that it becomes.
 
-pub mod frames;
-pub mod pictures;
-pub mod refinement;
-pub mod region;
-pub mod scattering;
-pub mod transfer;
+pub(crate) mod frames;
+pub(crate) mod pictures;
+pub(crate) mod refinement;
+pub(crate) mod region;
+pub(crate) mod scattering;
+pub(crate) mod transfer;
 
 /// Has settings read from the command line as `$args` are, which they are made from.
 macro_rules! read_as {

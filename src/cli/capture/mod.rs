@@ -12,7 +12,7 @@ use std::process::ExitCode;
 
 /// Take over captures of other programs
 #[derive(Debug, Subcommand)]
-pub enum CaptureCommand {
+pub(crate) enum CaptureCommand {
     /// Write a capture that every command takes: cameras without lens distortion and scene-linear EXRs
     Convert(Box<CaptureSettings>),
 }
@@ -36,7 +36,7 @@ impl CaptureCommand {
     ///
     /// # Errors
     /// Those of the command.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+    pub(crate) fn run(&self, output: &Output) -> Result<ExitCode> {
         match self {
             Self::Convert(s) => convert::run(s, output),
         }

@@ -79,7 +79,7 @@ read_as!(CompareSettings, CompareArgs);
 ///
 /// # Errors
 /// Those of [`CompareSettings::run`].
-pub fn run(settings: &CompareSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &CompareSettings, output: &Output) -> Result<ExitCode> {
     let report = settings.run(output)?;
     output.report(&report)?;
     Ok(ExitCode::from(if report.complete() { u8::from(report.differ()) } else { 2 }))

@@ -130,7 +130,7 @@ fn renaming(text: &str) -> Result<(String, String), String> {
 ///
 /// # Errors
 /// Those of [`ConvertSettings::run`].
-pub fn run(settings: &ConvertSettings, output: &Output) -> Result<ExitCode> {
+pub(crate) fn run(settings: &ConvertSettings, output: &Output) -> Result<ExitCode> {
     let report = settings.run(output)?;
     output.report(&report)?;
     Ok(if report.complete() { ExitCode::SUCCESS } else { ExitCode::from(2) })

@@ -9,7 +9,7 @@ mod headings;
 use clap::Command;
 
 /// Puts the options of a command and of its subcommands under headings, and examples behind them.
-pub fn arranged(command: Command) -> Command {
+pub(crate) fn arranged(command: Command) -> Command {
     within(command, "")
 }
 

@@ -16,7 +16,7 @@ use std::process::ExitCode;
 
 /// Reconstruct from multi-view pictures
 #[derive(Debug, clap::Subcommand)]
-pub enum Reconstruct {
+pub(crate) enum Reconstruct {
     /// Density from absorption or emission-absorption pictures.
     #[command(name = "density")]
     Density(Box<DensitySettings>),
@@ -51,7 +51,7 @@ impl Reconstruct {
     ///
     /// # Errors
     /// Those of the chosen reconstruction.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+    pub(crate) fn run(&self, output: &Output) -> Result<ExitCode> {
         match self {
             Self::Density(s) => s.run(output).and_then(|run| tell(output, &run, run.stopped)),
             Self::Color(s) => s.run(output).and_then(|run| tell(output, &run, run.stopped)),

@@ -14,7 +14,7 @@ use std::process::ExitCode;
 
 /// Write and check USD stages
 #[derive(Debug, Subcommand)]
-pub enum UsdCommand {
+pub(crate) enum UsdCommand {
     /// Write a stage of volumes, with their media, lights and cameras
     Author(Box<AuthorSettings>),
     /// Say what is wrong with stages and what to do; exit code 1 if anything is
@@ -42,7 +42,7 @@ impl UsdCommand {
     ///
     /// # Errors
     /// Those of the command.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+    pub(crate) fn run(&self, output: &Output) -> Result<ExitCode> {
         match self {
             Self::Author(s) => author::run(s, output),
             Self::Lint(s) => lint::run(s, output),

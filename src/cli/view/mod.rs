@@ -60,7 +60,7 @@ struct ViewArgs {
 
 /// Settings of the sheets, and how they are drawn in the terminal.
 #[derive(Debug)]
-pub struct View {
+pub(crate) struct View {
     pub(super) settings: ViewSettings,
     terminal: Option<Graphics>,
 }
@@ -90,7 +90,7 @@ impl View {
     ///
     /// # Errors
     /// Those of [`ViewSettings::show`], and if there is neither a terminal nor an output.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+    pub(crate) fn run(&self, output: &Output) -> Result<ExitCode> {
         let report = match self.settings.output {
             Some(_) => self.settings.run(output)?,
             None => {

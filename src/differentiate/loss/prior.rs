@@ -58,7 +58,14 @@ const EPSILON: f64 = 1e-3;
 impl VolumePrior {
     /// Adds the derivative of `weight` times the prior on `x`, 512 voxels a brick, to `gradient`, and returns the
     /// value. `count` is the number of voxels that the mean is over: those that are unknown.
-    pub fn add<R: Real>(self, weight: f64, x: &[R], neighbours: &Neighbours, count: usize, gradient: &mut [R]) -> f64 {
+    pub(crate) fn add<R: Real>(
+        self,
+        weight: f64,
+        x: &[R],
+        neighbours: &Neighbours,
+        count: usize,
+        gradient: &mut [R],
+    ) -> f64 {
         match self {
             Self::Smooth => smooth(weight / (3 * count.max(1)) as f64, x, neighbours, gradient),
             Self::TotalVariation => variation(weight / count.max(1) as f64, x, neighbours, gradient),
@@ -110,7 +117,7 @@ fn variation<R: Real>(weight: f64, x: &[R], neighbours: &Neighbours, gradient: &
 
 impl TransferPrior {
     /// Returns the prior on `values` of ascending density, extinctions in units of `unit`, and its derivatives.
-    pub fn evaluate(self, values: &[Rgbs], unit: f64) -> (f64, Vec<Rgbs>) {
+    pub(crate) fn evaluate(self, values: &[Rgbs], unit: f64) -> (f64, Vec<Rgbs>) {
         let channels = match self {
             Self::Smooth => 4,
             Self::SmoothColors => 3,
@@ -135,7 +142,7 @@ impl TransferPrior {
     ///
     /// # Errors
     /// If the function has neither texels nor points.
-    pub fn evaluate_transfer(self, transfer: &Transfer, unit: f64) -> Result<(f64, Vec<f64>)> {
+    pub(crate) fn evaluate_transfer(self, transfer: &Transfer, unit: f64) -> Result<(f64, Vec<f64>)> {
         Ok(match transfer {
             Transfer::Texture { texels, .. } => {
                 let (value, derivatives) = self.evaluate(texels, unit);
@@ -155,7 +162,7 @@ impl TransferPrior {
 }
 
 /// Priors that texts name.
-pub trait Named: Copy + PartialEq + 'static {
+pub(crate) trait Named: Copy + PartialEq + 'static {
     /// Name of each prior.
     const NAMES: &'static [(&'static str, Self)];
 }

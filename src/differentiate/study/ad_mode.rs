@@ -24,7 +24,7 @@ pub enum Mode {
 
 /// The mode that is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AdMode {
+pub(crate) enum AdMode {
     /// Backward.
     Reverse(Adjoint),
     /// Forward.
@@ -33,7 +33,7 @@ pub enum AdMode {
 
 /// The mode that was chosen, and why.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Choice {
+pub(crate) struct Choice {
     /// The mode.
     pub mode: AdMode,
     /// Why, for people.
@@ -42,7 +42,7 @@ pub struct Choice {
 
 /// Number and kind of the derivatives that are requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Task {
+pub(crate) struct Task {
     /// Number of parameters.
     pub parameters: usize,
     /// Pixels that the loss's derivatives depend on.
@@ -64,7 +64,7 @@ impl Task {
 
 impl Choice {
     /// Chooses; an adjoint that is requested by name is taken.
-    pub fn new(task: Task, mode: Mode, adjoint: Option<Adjoint>) -> Self {
+    pub(crate) fn new(task: Task, mode: Mode, adjoint: Option<Adjoint>) -> Self {
         let (count, few) = (task.parameters, task.few());
         let parameters = if count == 1 { "1 parameter".to_owned() } else { format!("{count} parameters") };
         let forward = mode == Mode::Auto && adjoint.is_none() && count <= few;

@@ -11,7 +11,7 @@ use glam::IVec3;
 
 /// A number that pictures depend on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Parameter {
+pub(crate) enum Parameter {
     /// The quadrature's step, in voxels.
     Step,
     /// Part of a view's camera: one of [`CAMERA`].
@@ -37,7 +37,7 @@ pub enum Parameter {
 }
 
 /// Parts of a camera: world units, radians about world axes, the camera's unit of focal lengths, pixels.
-pub const CAMERA: [&str; 10] = [
+pub(crate) const CAMERA: [&str; 10] = [
     "position.x",
     "position.y",
     "position.z",
@@ -51,7 +51,7 @@ pub const CAMERA: [&str; 10] = [
 ];
 
 /// A step in one part of a camera.
-pub fn camera_step(part: usize, by: f64) -> CameraGradient {
+pub(crate) fn camera_step(part: usize, by: f64) -> CameraGradient {
     let mut step = CameraGradient::default();
     match part {
         0..3 => step.position[part] = by,
@@ -72,19 +72,19 @@ fn camera_part(of: &CameraGradient, part: usize) -> f64 {
 }
 
 /// Value of a part: a rotation is measured from where the camera is.
-pub fn camera_value(camera: &Camera, part: usize) -> f64 {
+pub(crate) fn camera_value(camera: &Camera, part: usize) -> f64 {
     let (position, rotation) = (camera.position(), glam::DVec3::ZERO);
     camera_part(&CameraGradient { position, rotation, focal: camera.focal, centre: camera.centre }, part)
 }
 
 /// Index coordinates of an owned voxel.
-pub fn coordinates(topology: &Topology, voxel: usize) -> IVec3 {
+pub(crate) fn coordinates(topology: &Topology, voxel: usize) -> IVec3 {
     let i = (voxel % LEAF_VOXELS) as i32;
     8 * topology.bricks()[voxel / LEAF_VOXELS] + IVec3::new(i >> 6, i >> 3 & 7, i & 7)
 }
 
 /// Parameters that a gradient must hold for these derivatives, and all voxels if `voxels` is true.
-pub fn active_parameters(parameters: &[Parameter], voxels: bool, knots: Option<usize>) -> ActiveParameters {
+pub(crate) fn active_parameters(parameters: &[Parameter], voxels: bool, knots: Option<usize>) -> ActiveParameters {
     let any = |f: fn(&Parameter) -> bool| parameters.iter().any(f);
     ActiveParameters {
         voxels: voxels || any(|p| matches!(p, Parameter::Voxel { .. })),
@@ -94,7 +94,12 @@ pub fn active_parameters(parameters: &[Parameter], voxels: bool, knots: Option<u
 }
 
 /// A parameter's derivative in a gradient; `by_transfer` is by the transfer function's parameters.
-pub fn derivative<V: Subject>(of: &Gradient<V>, topology: &Topology, by_transfer: &[f64], parameter: Parameter) -> f64 {
+pub(crate) fn derivative<V: Subject>(
+    of: &Gradient<V>,
+    topology: &Topology,
+    by_transfer: &[f64],
+    parameter: Parameter,
+) -> f64 {
     match parameter {
         Parameter::Step => of.step,
         Parameter::Camera { view, part } => camera_part(&of.cameras[view], part),
@@ -111,7 +116,7 @@ pub fn derivative<V: Subject>(of: &Gradient<V>, topology: &Topology, by_transfer
 ///
 /// # Errors
 /// If the transfer function has no table.
-pub fn direction<V: Subject>(
+pub(crate) fn direction<V: Subject>(
     parameter: Parameter,
     field: &Bricks<V>,
     transfer: Option<&Transfer>,

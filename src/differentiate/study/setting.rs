@@ -29,7 +29,7 @@ impl Setting {
     ///
     /// # Errors
     /// As [`Transfer::table`].
-    pub fn medium(&self) -> Result<Medium> {
+    pub(crate) fn medium(&self) -> Result<Medium> {
         let source = match &self.transfer {
             Some(transfer) => Source::Transfer(Arc::new(transfer.table()?)),
             None => self.source.clone(),
@@ -40,7 +40,7 @@ impl Setting {
 
 /// Units of priors, which stay when voxels and functions change.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Units {
+pub(crate) struct Units {
     /// The density that stands for 1.
     pub density: f64,
     /// The extinction that does.

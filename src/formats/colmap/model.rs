@@ -72,7 +72,7 @@ impl Calibration {
     ///
     /// # Errors
     /// If the size or a parameter cannot be used, or the model is not understood.
-    pub fn new(model: &str, size: [u64; 2], parameters: &[f64]) -> Result<Self> {
+    pub(crate) fn new(model: &str, size: [u64; 2], parameters: &[f64]) -> Result<Self> {
         if size.iter().any(|side| !(1..=65_536).contains(side)) {
             return Err(Error::invalid(format!(
                 "a picture of {}x{}; 1 to 65536 pixels are expected",
@@ -112,7 +112,7 @@ impl Calibration {
     ///
     /// # Errors
     /// If the focal lengths are not positive, or the pose is no rigid motion.
-    pub fn camera(&self, camera_to_world: DMat4) -> Result<Camera> {
+    pub(crate) fn camera(&self, camera_to_world: DMat4) -> Result<Camera> {
         let [width, height] = self.size;
         Camera {
             camera_to_world,

@@ -81,12 +81,12 @@ impl Document {
     }
 
     /// Returns columns and rows of a part.
-    pub fn size(&self, part: usize) -> [usize; 2] {
+    pub(crate) fn size(&self, part: usize) -> [usize; 2] {
         self.header.parts[part].data_window.size
     }
 
     /// Returns the bytes of all samples.
-    pub fn bytes(&self) -> u64 {
+    pub(crate) fn bytes(&self) -> u64 {
         let channels = self.image.layer_data.iter().flat_map(|layer| &layer.channel_data.list);
         let bytes = channels.map(|channel| match &channel.sample_data {
             FlatSamples::F16(samples) => size_of_val(&samples[..]),
@@ -116,7 +116,7 @@ impl Document {
     }
 
     /// Adds a channel of 32-bit floats to a part; one of that name is replaced.
-    pub fn add(&mut self, part: usize, name: &str, samples: Vec<f32>) {
+    pub(crate) fn add(&mut self, part: usize, name: &str, samples: Vec<f32>) {
         let channels = &mut self.image.layer_data[part].channel_data;
         let others = channels.list.drain(..).filter(|channel| !channel.name.eq(name));
         let mut list: SmallVec<[AnyChannel<FlatSamples>; 4]> = others.collect();
@@ -125,7 +125,7 @@ impl Document {
     }
 
     /// Sets a text attribute of the first part.
-    pub fn set_attribute(&mut self, name: &str, value: &str) {
+    pub(crate) fn set_attribute(&mut self, name: &str, value: &str) {
         if let Some(layer) = self.image.layer_data.first_mut() {
             let text = Text::from_slice_unchecked(value.as_bytes());
             layer.attributes.other.insert(Text::from_slice_unchecked(name.as_bytes()), AttributeValue::Text(text));

@@ -24,7 +24,7 @@ const BATCH: usize = 64;
 ///
 /// # Errors
 /// If the image cannot be a file, such as for names that are not unique.
-pub fn file<'i, L: WritableLayers<'i>>(image: &'i Image<L>) -> Result<Vec<u8>> {
+pub(crate) fn file<'i, L: WritableLayers<'i>>(image: &'i Image<L>) -> Result<Vec<u8>> {
     let headers = image.layer_data.infer_headers(&image.attributes);
     let layers = image.layer_data.create_writer(&headers);
     let mut bytes = Cursor::new(Vec::new());

@@ -98,7 +98,7 @@ impl Header {
     }
 
     /// Primaries of the colors: those of the attribute `chromaticities`, else Rec.709, which OpenEXR takes for granted.
-    pub fn primaries(&self) -> Primaries {
+    pub(crate) fn primaries(&self) -> Primaries {
         let stated = self.parts.iter().find_map(|part| part.attributes.get("chromaticities"));
         let numbers: Option<Vec<f64>> = stated.and_then(|text| text.split(' ').map(|v| v.parse().ok()).collect());
         numbers.and_then(|numbers| numbers.try_into().ok()).map_or(Primaries::REC_709, Primaries::of)

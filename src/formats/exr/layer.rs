@@ -13,7 +13,7 @@ const ORDER: [&[&str]; 2] = [&["r", "g", "b", "a"], &["red", "green", "blue", "a
 
 /// All channels of a layer, interleaved.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Samples {
+pub(crate) struct Samples {
     /// Name of the layer; empty for the unnamed one.
     pub name: String,
     /// Names of the channels within the layer: colors as R, G, B, A, others by the alphabet.
@@ -39,7 +39,7 @@ fn rank(component: &str) -> (usize, String) {
 /// # Errors
 /// If the header is damaged, there is no such layer (the error lists all), chunks are missing, damaged or subsampled,
 /// or memory does not suffice.
-pub fn layer_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Samples> {
+pub(crate) fn layer_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Samples> {
     let _reading = Reading::begin(path);
     let (reader, header) = header::open(path)?;
     let layers = header.layers();

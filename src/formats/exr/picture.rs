@@ -24,7 +24,7 @@ pub struct Picture {
 
 impl Picture {
     /// True if the film holds red, green and blue, which primaries make colors.
-    pub fn is_color(&self) -> bool {
+    pub(crate) fn is_color(&self) -> bool {
         self.channels.iter().any(|name| ["r", "red"].contains(&name.to_ascii_lowercase().as_str()))
     }
 }

@@ -9,7 +9,7 @@ use super::picture;
 
 impl Header {
     /// Returns the names of the views, the default one first; none for a picture of one view.
-    pub fn views(&self) -> Vec<String> {
+    pub(crate) fn views(&self) -> Vec<String> {
         let mut views: Vec<String> = Vec::new();
         let listed = self.parts.iter().filter_map(|part| part.attributes.get("multiView"));
         let own = self.parts.iter().filter_map(|part| part.attributes.get("view"));
@@ -22,7 +22,7 @@ impl Header {
     }
 
     /// Returns the number of a layer's view among [`views`](Self::views); 0 for layers of no other view.
-    pub fn view_of(&self, layer: &LayerInfo) -> usize {
+    pub(crate) fn view_of(&self, layer: &LayerInfo) -> usize {
         let views = self.views();
         let number = |name: &str| views.iter().position(|view| view == name);
         let own = self.parts[layer.part].attributes.get("view").and_then(|view| number(view));
@@ -30,7 +30,7 @@ impl Header {
     }
 
     /// Returns the name of a layer without the word for its view.
-    pub fn name_in_view(&self, layer: &LayerInfo) -> String {
+    pub(crate) fn name_in_view(&self, layer: &LayerInfo) -> String {
         let views = self.views();
         let view = views.get(self.view_of(layer)).map_or("", String::as_str);
         layer.name.split('.').filter(|word| view.is_empty() || *word != view).collect::<Vec<_>>().join(".")
@@ -38,7 +38,7 @@ impl Header {
 
     /// Returns the layer of a view that corresponds to a layer of another one: that of the same name but for the
     /// view's, or, for the only colors of its view, the only colors of the other.
-    pub fn counterpart(&self, layer: &LayerInfo, view: usize) -> Option<LayerInfo> {
+    pub(crate) fn counterpart(&self, layer: &LayerInfo, view: usize) -> Option<LayerInfo> {
         if self.view_of(layer) == view {
             return Some(layer.clone());
         }

@@ -28,7 +28,7 @@ fn wrong(what: impl Into<String>) -> Error {
 }
 
 /// True if a file begins as such volumes do.
-pub fn is_cvol(start: &[u8]) -> bool {
+pub(crate) fn is_cvol(start: &[u8]) -> bool {
     start.starts_with(b"cvol") || start.starts_with(b"CVOL") && start.get(4..8) == Some(&[1, 0, 0, 0])
 }
 
@@ -247,7 +247,7 @@ fn image(content: Content, feature: Feature, edges: DVec3) -> Result<Image> {
 ///
 /// # Errors
 /// If the file cannot be read, its header is damaged, or no feature is wanted.
-pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
+pub(crate) fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     let start = input::start(path, 64)?;
     if start.starts_with(b"cvol") {
         let mut fields = Fields(&start[4..]);

@@ -13,7 +13,7 @@ const BUFFER: usize = 1 << 17;
 
 /// How values are packed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Packing {
+pub(crate) enum Packing {
     /// As they are.
     Plain,
     /// A stream of gzip, with any number of members.
@@ -26,7 +26,7 @@ pub enum Packing {
 ///
 /// # Errors
 /// If the file cannot be read, or ends before.
-pub fn values(path: &Path, from: u64, packing: Packing, skip: u64) -> Result<Box<dyn Read>> {
+pub(crate) fn values(path: &Path, from: u64, packing: Packing, skip: u64) -> Result<Box<dyn Read>> {
     let mut file = input::open(path)?;
     let plain = packing == Packing::Plain;
     let start = if plain { from.saturating_add(skip) } else { from };
@@ -47,7 +47,7 @@ pub fn values(path: &Path, from: u64, packing: Packing, skip: u64) -> Result<Box
 
 /// Values of `length` unpacked bytes that compare themselves with the checksum of their stream: once the last of them
 /// is read, the stream is read to its end, where the checksum is. Values that are not packed have none.
-pub fn whole(reader: Box<dyn Read>, packing: Packing, length: u64) -> Box<dyn Read> {
+pub(crate) fn whole(reader: Box<dyn Read>, packing: Packing, length: u64) -> Box<dyn Read> {
     match packing {
         Packing::Plain => reader,
         Packing::Gzip | Packing::Zlib => Box::new(Whole { reader, left: length }),
@@ -104,7 +104,7 @@ impl<R: BufRead> Read for Members<R> {
 
 /// A stream of zlib, which ends with its checksum. The decoder of the crate takes a stream that is cut off for one that
 /// ends.
-pub struct Zlib<R> {
+pub(crate) struct Zlib<R> {
     reader: R,
     state: Decompress,
     ended: bool,
@@ -112,7 +112,7 @@ pub struct Zlib<R> {
 
 impl<R: BufRead> Zlib<R> {
     /// Unpacks what `reader` gives, up to the end of the stream.
-    pub fn new(reader: R) -> Self {
+    pub(crate) fn new(reader: R) -> Self {
         Self { reader, state: Decompress::new(true), ended: false }
     }
 }
@@ -147,7 +147,7 @@ impl<R: BufRead> Read for Zlib<R> {
 ///
 /// # Errors
 /// If it is shorter; the error has both lengths.
-pub fn has(path: &Path, from: u64, needed: Option<u64>) -> Result<()> {
+pub(crate) fn has(path: &Path, from: u64, needed: Option<u64>) -> Result<()> {
     let length = input::open(path)?.metadata().map_err(|e| Error::io(path, e))?.len();
     let end = needed.and_then(|n| n.checked_add(from));
     if end.is_some_and(|end| end <= length) {
@@ -160,13 +160,13 @@ pub fn has(path: &Path, from: u64, needed: Option<u64>) -> Result<()> {
 }
 
 /// Number of bytes of so many numbers; none if that overflows.
-pub fn byte_count(size: [usize; 3], components: usize, bytes: usize) -> Option<u64> {
+pub(crate) fn byte_count(size: [usize; 3], components: usize, bytes: usize) -> Option<u64> {
     let count = size.iter().try_fold(components as u64, |product, n| product.checked_mul(*n as u64))?;
     count.checked_mul(bytes as u64)
 }
 
 /// True if a file begins as streams of gzip do.
-pub fn is_gzip(start: &[u8]) -> bool {
+pub(crate) fn is_gzip(start: &[u8]) -> bool {
     start.starts_with(&[0x1f, 0x8b])
 }
 
@@ -174,7 +174,7 @@ pub fn is_gzip(start: &[u8]) -> bool {
 ///
 /// # Errors
 /// If it is no regular file, or cannot be read.
-pub fn start(path: &Path, most: u64) -> Result<Vec<u8>> {
+pub(crate) fn start(path: &Path, most: u64) -> Result<Vec<u8>> {
     let mut start = Vec::new();
     input::open(path)?.take(most).read_to_end(&mut start).map_err(|e| Error::io(path, e))?;
     Ok(start)
@@ -185,7 +185,7 @@ pub fn start(path: &Path, most: u64) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// If the name is empty, or leads out of the folder.
-pub fn beside(header: &Path, name: &str) -> Result<PathBuf> {
+pub(crate) fn beside(header: &Path, name: &str) -> Result<PathBuf> {
     if name.is_empty() {
         return Err(Error::invalid("the header names no file of values")
             .hint("write the name of the file with the values into the header"));
@@ -201,7 +201,7 @@ pub fn beside(header: &Path, name: &str) -> Result<PathBuf> {
 
 /// Path of what a file's content names below a folder; none if the name leads out of it. An absolute path that begins
 /// with the folder stays in it.
-pub fn below(folder: &Path, name: &str) -> Option<PathBuf> {
+pub(crate) fn below(folder: &Path, name: &str) -> Option<PathBuf> {
     // No file of the system has such a name.
     if name.contains('\0') {
         return None;
@@ -220,7 +220,7 @@ pub fn below(folder: &Path, name: &str) -> Option<PathBuf> {
 ///
 /// # Errors
 /// If the pattern has no such number.
-pub fn numbered(pattern: &str, numbers: impl Iterator<Item = i64>) -> Result<Vec<String>> {
+pub(crate) fn numbered(pattern: &str, numbers: impl Iterator<Item = i64>) -> Result<Vec<String>> {
     let split = pattern.split_once('%').and_then(|(head, rest)| {
         let end = rest.find('d')?;
         let digits = &rest[..end];

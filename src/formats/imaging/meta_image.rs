@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 const AGAIN: &str = "correct the file's header, or write the file again where it was made";
 
 /// Says whether a file begins as MetaImage's headers do.
-pub fn is_meta_image(start: &[u8]) -> bool {
+pub(crate) fn is_meta_image(start: &[u8]) -> bool {
     let text = String::from_utf8_lossy(start);
     let mut keys = text.lines().take(12).filter_map(|l| l.split_once('=')).map(|(key, _)| key.trim());
     let first = keys.next().is_some_and(|k| matches!(k, "ObjectType" | "NDims" | "Comment" | "ObjectSubType"));
@@ -141,7 +141,7 @@ fn files(fields: &Fields, path: &Path, length: u64, rest: &[String], slices: usi
 ///
 /// # Errors
 /// If a field is missing or cannot be understood, the values are of a kind that is not read, or a file is too short.
-pub fn open(path: &Path) -> Result<Vec<Image>> {
+pub(crate) fn open(path: &Path) -> Result<Vec<Image>> {
     let key = |line: &str| line.split_once('=').map(|(key, value)| (key.trim().to_owned(), value.trim().to_owned()));
     let (lines, length) =
         text::lines(path, |line| key(line).is_some_and(|(k, v)| k == "ElementDataFile" && !v.starts_with("LIST")))?;

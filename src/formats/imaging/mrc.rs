@@ -24,7 +24,7 @@ const HEADER: usize = 1024;
 const MAP: usize = 208;
 
 /// True if a file, or what it unpacks to, begins as a map does.
-pub fn is_mrc(start: &[u8]) -> bool {
+pub(crate) fn is_mrc(start: &[u8]) -> bool {
     start.get(MAP..MAP + 4) == Some(b"MAP ")
 }
 
@@ -32,7 +32,7 @@ pub fn is_mrc(start: &[u8]) -> bool {
 ///
 /// # Errors
 /// If the file cannot be opened.
-pub fn is_packed_mrc(path: &Path, start: &[u8]) -> Result<bool> {
+pub(crate) fn is_packed_mrc(path: &Path, start: &[u8]) -> Result<bool> {
     if !input::is_gzip(start) {
         return Ok(false);
     }
@@ -169,7 +169,7 @@ fn placed(words: &Words, size: [usize; 3], notes: &mut Vec<String>) -> Result<Af
 ///
 /// # Errors
 /// If the file cannot be read, is shorter than its header says, or holds complex numbers or others that are not read.
-pub fn open(path: &Path) -> Result<Image> {
+pub(crate) fn open(path: &Path) -> Result<Image> {
     let packing = if input::is_gzip(&input::start(path, 2)?) { Packing::Gzip } else { Packing::Plain };
     let mut head = [0; HEADER];
     let mut reader = input::values(path, 0, packing, 0)?;

@@ -85,12 +85,12 @@ impl Fields {
 }
 
 /// Says whether a file begins with a header that names NIfTI itself.
-pub fn states_itself(start: &[u8]) -> bool {
+pub(crate) fn states_itself(start: &[u8]) -> bool {
     Fields::of(start).is_some_and(|fields| fields.is_nifti())
 }
 
 /// Says whether a file is NIfTI's by its first bytes, and for values without a header by the header beside them.
-pub fn is_nifti(path: &Path, start: &[u8]) -> bool {
+pub(crate) fn is_nifti(path: &Path, start: &[u8]) -> bool {
     if input::is_gzip(start) {
         let mut inside = Vec::new();
         // Only the beginning is there: the stream ends early, after the bytes that count.
@@ -139,7 +139,7 @@ fn read_header(path: &Path) -> Result<(Vec<u8>, bool)> {
 ///
 /// # Errors
 /// If it is no NIfTI, contradicts the format, or holds numbers of another kind than integers, reals and colors.
-pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
+pub(crate) fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     let header = header_beside(path).unwrap_or_else(|| path.to_path_buf());
     let (bytes, packed) = read_header(&header)?;
     let fields = Fields::of(&bytes).ok_or_else(|| Error::invalid("this is no header of NIfTI").hint(AGAIN))?;

@@ -23,7 +23,7 @@ use zip::{CompressionMethod, ZipArchive};
 const MOST_ARRAYS: usize = 256;
 
 /// Says whether a file begins as an archive of arrays: a ZIP whose first member is one.
-pub fn is_archive(start: &[u8]) -> bool {
+pub(crate) fn is_archive(start: &[u8]) -> bool {
     let length = |at: usize| start.get(at..at + 2).map(|b| usize::from(b[0]) | usize::from(b[1]) << 8);
     let name = length(26).and_then(|n| start.get(30..30 + n));
     start.starts_with(b"PK\x03\x04") && name.is_some_and(|n| n.ends_with(b".npy"))
@@ -33,7 +33,7 @@ pub fn is_archive(start: &[u8]) -> bool {
 ///
 /// # Errors
 /// If it is damaged, no volume, of another type than numbers, its voxels' size is not stated, or it does not fit.
-pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>> {
+pub(crate) fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>> {
     let mut file = formats::input::open(path)?;
     let length = file.metadata().map_err(|e| Error::io(path, e))?.len();
     let (header, start) = npy::Header::read(&mut file)?;
@@ -183,7 +183,7 @@ impl Slices for Strided {
 ///
 /// # Errors
 /// If the archive is damaged, no array in it is a volume, or one that is wanted is damaged.
-pub fn open_archive(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>> {
+pub(crate) fn open_archive(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>> {
     let damaged = |e: zip::result::ZipError| {
         Error::invalid(format!("the archive is damaged: {e}")).hint("copy the file, or write it again with numpy.savez")
     };

@@ -7,7 +7,7 @@ use glam::{DMat4, DVec3};
 
 /// Map of images whose axes are left, posterior, superior (LPS: DICOM, ITK) to those of this crate, right, anterior,
 /// superior (RAS); and the other way round.
-pub fn swap_lps_ras(map: DMat4) -> DMat4 {
+pub(crate) fn swap_lps_ras(map: DMat4) -> DMat4 {
     let mut rows = map.transpose();
     // Subtracted from 0, so that no zero becomes negative.
     for row in [&mut rows.x_axis, &mut rows.y_axis] {
@@ -18,7 +18,7 @@ pub fn swap_lps_ras(map: DMat4) -> DMat4 {
 
 /// Note that vectors of an image whose axes were brought to right, anterior, superior were not; none for scalars, and
 /// for integers, which are colors.
-pub fn unturned(values: Values, components: usize) -> Option<String> {
+pub(crate) fn unturned(values: Values, components: usize) -> Option<String> {
     let vectors = components == 3 && values == Values::Real;
     vectors.then(|| "the components of vectors stay as they are, along the axes of the file's space".into())
 }
@@ -27,7 +27,7 @@ pub fn unturned(values: Values, components: usize) -> Option<String> {
 ///
 /// # Errors
 /// If an entry is not finite, or the columns do not span space.
-pub fn affine(columns: [DVec3; 3], origin: DVec3) -> Result<Affine> {
+pub(crate) fn affine(columns: [DVec3; 3], origin: DVec3) -> Result<Affine> {
     let [x, y, z] = columns.map(|c| c.extend(0.0));
     checked(DMat4::from_cols(x, y, z, origin.extend(1.0)))
 }
@@ -36,7 +36,7 @@ pub fn affine(columns: [DVec3; 3], origin: DVec3) -> Result<Affine> {
 ///
 /// # Errors
 /// If an entry is not finite, or the columns do not span space.
-pub fn checked(map: DMat4) -> Result<Affine> {
+pub(crate) fn checked(map: DMat4) -> Result<Affine> {
     Affine::new(map).map_err(|e| {
         Error::invalid(format!("the placement of the voxels cannot be used: {}", e.what()))
             .instead("correct the spacing and the directions in the file's header, or write it again where it was made")
@@ -47,7 +47,7 @@ pub fn checked(map: DMat4) -> Result<Affine> {
 ///
 /// # Errors
 /// If it is 0, negative, infinite or no number.
-pub fn edge(name: &str, value: f64) -> Result<f64> {
+pub(crate) fn edge(name: &str, value: f64) -> Result<f64> {
     if value > 0.0 && value.is_finite() {
         return Ok(value);
     }
@@ -59,7 +59,7 @@ pub fn edge(name: &str, value: f64) -> Result<f64> {
 ///
 /// # Errors
 /// If one of them is 0, negative, infinite or no number.
-pub fn edges(name: &str, values: DVec3) -> Result<DVec3> {
+pub(crate) fn edges(name: &str, values: DVec3) -> Result<DVec3> {
     values.to_array().iter().try_for_each(|value| edge(&format!("a number of {name}"), *value).map(drop))?;
     Ok(values)
 }
@@ -68,7 +68,7 @@ pub fn edges(name: &str, values: DVec3) -> Result<DVec3> {
 ///
 /// # Errors
 /// If the position overflows.
-pub fn shifted(map: &Affine, shift: DVec3) -> Result<Affine> {
+pub(crate) fn shifted(map: &Affine, shift: DVec3) -> Result<Affine> {
     checked(map.matrix() * DMat4::from_translation(shift))
 }
 

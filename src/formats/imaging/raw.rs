@@ -12,7 +12,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// If the layout or the spacing is not stated, or the file has not exactly as many bytes as the layout says.
-pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
+pub(crate) fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     let layout = options.raw.ok_or_else(|| {
         Error::invalid("a file without a header does not say what is in it").hint("give ⟨dims=X,Y,Z⟩ and ⟨type⟩")
     })?;

@@ -10,7 +10,7 @@ use std::io::{ErrorKind, Read};
 const CHUNK: usize = 8192;
 
 /// Slices of binary numbers, the components of a voxel together.
-pub struct Binary {
+pub(crate) struct Binary {
     reader: Box<dyn Read>,
     sample: Sample,
     endian: Endian,
@@ -23,17 +23,17 @@ pub struct Binary {
 
 impl Binary {
     /// Slices of the numbers that `reader` gives.
-    pub fn new(reader: Box<dyn Read>, sample: Sample, endian: Endian) -> Self {
+    pub(crate) fn new(reader: Box<dyn Read>, sample: Sample, endian: Endian) -> Self {
         Self { reader, sample, endian, scale: None, bytes: Vec::new(), done: 0 }
     }
 
     /// Applies a factor and an offset to every number, if there are any.
-    pub fn scaled(self, scale: Option<(f64, f64)>) -> Self {
+    pub(crate) fn scaled(self, scale: Option<(f64, f64)>) -> Self {
         Self { scale, ..self }
     }
 
     /// The stream that the numbers come from.
-    pub fn into_reader(self) -> Box<dyn Read> {
+    pub(crate) fn into_reader(self) -> Box<dyn Read> {
         self.reader
     }
 
@@ -62,7 +62,7 @@ impl Slices for Binary {
 }
 
 /// Error that a stream of numbers cannot be read on.
-pub fn failed(error: std::io::Error, done: u64) -> Error {
+pub(crate) fn failed(error: std::io::Error, done: u64) -> Error {
     let what = match error.kind() {
         ErrorKind::UnexpectedEof => format!("the values end after {done}, before the last slice"),
         // Decoders of compressed data report damage so.
@@ -75,14 +75,14 @@ pub fn failed(error: std::io::Error, done: u64) -> Error {
 }
 
 /// Slices of which each component has a stream of its own.
-pub struct Planar {
+pub(crate) struct Planar {
     parts: Vec<Box<dyn Slices>>,
     plane: Vec<f64>,
 }
 
 impl Planar {
     /// Slices whose component `c` is that of `parts[c]`.
-    pub fn new(parts: Vec<Box<dyn Slices>>) -> Self {
+    pub(crate) fn new(parts: Vec<Box<dyn Slices>>) -> Self {
         Self { parts, plane: Vec::new() }
     }
 }
@@ -104,7 +104,7 @@ impl Slices for Planar {
 const LONGEST: usize = 400;
 
 /// Slices of numbers as text, between blanks.
-pub struct Words {
+pub(crate) struct Words {
     reader: Box<dyn Read>,
     buffer: Vec<u8>,
     at: usize,
@@ -115,7 +115,7 @@ pub struct Words {
 
 impl Words {
     /// Slices of the numbers that `reader` gives as text.
-    pub fn new(reader: Box<dyn Read>, end: Option<u8>) -> Self {
+    pub(crate) fn new(reader: Box<dyn Read>, end: Option<u8>) -> Self {
         Self { reader, buffer: Vec::new(), at: 0, done: 0, end }
     }
 
@@ -165,7 +165,7 @@ impl Slices for Words {
 ///
 /// # Errors
 /// If the values end before.
-pub fn skip_values(slices: &mut dyn Slices, mut count: u64) -> Result<()> {
+pub(crate) fn skip_values(slices: &mut dyn Slices, mut count: u64) -> Result<()> {
     let mut values = vec![0.0; CHUNK];
     while count > 0 {
         let n = count.min(CHUNK as u64);

@@ -15,7 +15,7 @@ const LONGEST: u64 = 1 << 20;
 ///
 /// # Errors
 /// If the file cannot be read, or the lines have more than a mebibyte.
-pub fn lines(path: &Path, mut last: impl FnMut(&str) -> bool) -> Result<(Vec<String>, u64)> {
+pub(crate) fn lines(path: &Path, mut last: impl FnMut(&str) -> bool) -> Result<(Vec<String>, u64)> {
     let mut reader = BufReader::new(input::open(path)?).take(LONGEST);
     let (mut lines, mut length) = (Vec::new(), 0);
     loop {
@@ -39,14 +39,14 @@ pub fn lines(path: &Path, mut last: impl FnMut(&str) -> bool) -> Result<(Vec<Str
 }
 
 /// Beginning of a text of a file, as an error or a note shows it.
-pub fn shown(text: &str) -> String {
+pub(crate) fn shown(text: &str) -> String {
     let start: String = text.chars().take(60).collect();
     let more = if start.len() < text.len() { "…" } else { "" };
     format!("{}{more}", printable(&start))
 }
 
 /// Error that a field of a header cannot be understood.
-pub fn wrong(field: &str, text: &str) -> Error {
+pub(crate) fn wrong(field: &str, text: &str) -> Error {
     Error::invalid(format!("the field '{}' is '{}', which cannot be understood", shown(field), shown(text)))
         .hint("correct the file's header, or write the file again where it was made")
 }
@@ -55,7 +55,7 @@ pub fn wrong(field: &str, text: &str) -> Error {
 ///
 /// # Errors
 /// If a word is no finite number.
-pub fn numbers(field: &str, text: &str) -> Result<Vec<f64>> {
+pub(crate) fn numbers(field: &str, text: &str) -> Result<Vec<f64>> {
     let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty());
     words.map(|w| w.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| wrong(field, text))).collect()
 }
@@ -64,7 +64,7 @@ pub fn numbers(field: &str, text: &str) -> Result<Vec<f64>> {
 ///
 /// # Errors
 /// If a word is none.
-pub fn counts(field: &str, text: &str) -> Result<Vec<usize>> {
+pub(crate) fn counts(field: &str, text: &str) -> Result<Vec<usize>> {
     text.split_whitespace().map(|w| w.parse().map_err(|_| wrong(field, text))).collect()
 }
 
@@ -72,7 +72,7 @@ pub fn counts(field: &str, text: &str) -> Result<Vec<usize>> {
 ///
 /// # Errors
 /// If there are not three finite numbers.
-pub fn vector(field: &str, text: &str) -> Result<DVec3> {
+pub(crate) fn vector(field: &str, text: &str) -> Result<DVec3> {
     match numbers(field, text)?[..] {
         [x, y, z] => Ok(DVec3::new(x, y, z)),
         _ => Err(wrong(field, text)),

@@ -11,7 +11,7 @@ impl<'a> Bytes<'a> {
     ///
     /// # Errors
     /// If they do not lie inside the memory.
-    pub fn slice(self, at: u64, length: usize, what: &str) -> Result<&'a [u8]> {
+    pub(crate) fn slice(self, at: u64, length: usize, what: &str) -> Result<&'a [u8]> {
         let start = usize::try_from(at).ok();
         let found = start.and_then(|start| self.0.get(start..start.checked_add(length)?));
         found.ok_or_else(|| {
@@ -25,19 +25,19 @@ impl<'a> Bytes<'a> {
         Ok(bytes)
     }
 
-    pub fn u32(self, at: u64, what: &str) -> Result<u32> {
+    pub(crate) fn u32(self, at: u64, what: &str) -> Result<u32> {
         self.array(at, what).map(u32::from_le_bytes)
     }
 
-    pub fn u64(self, at: u64, what: &str) -> Result<u64> {
+    pub(crate) fn u64(self, at: u64, what: &str) -> Result<u64> {
         self.array(at, what).map(u64::from_le_bytes)
     }
 
-    pub fn i64(self, at: u64, what: &str) -> Result<i64> {
+    pub(crate) fn i64(self, at: u64, what: &str) -> Result<i64> {
         self.array(at, what).map(i64::from_le_bytes)
     }
 
-    pub fn f64(self, at: u64, what: &str) -> Result<f64> {
+    pub(crate) fn f64(self, at: u64, what: &str) -> Result<f64> {
         self.array(at, what).map(f64::from_le_bytes)
     }
 }

@@ -112,12 +112,12 @@ impl File {
     }
 
     /// Path by which the file was opened.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
     /// Major, minor and patch version of the library that wrote the file.
-    pub fn version(&self) -> [u32; 3] {
+    pub(crate) fn version(&self) -> [u32; 3] {
         self.version
     }
 
@@ -139,7 +139,7 @@ impl File {
     ///
     /// # Errors
     /// As [`File::read`].
-    pub fn read_beside(&mut self, index: usize, held: u64) -> Result<Volume> {
+    pub(crate) fn read_beside(&mut self, index: usize, held: u64) -> Result<Volume> {
         let limits = Limits { max_memory: self.limits.max_memory.saturating_sub(held) };
         let _reading = Reading::begin(&self.path);
         let entry = self.entries.get(index).cloned().ok_or_else(|| {

@@ -84,7 +84,7 @@ impl Kind {
     }
 
     /// Name of the type, as NanoVDB's tools print it.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         name(self as u32)
     }
 
@@ -234,33 +234,33 @@ pub(super) const LOWER: Level = Level { log2: 4, child_log2: 3 };
 
 impl Level {
     /// Entries of the table.
-    pub fn entries(self) -> usize {
+    pub(crate) fn entries(self) -> usize {
         1 << (3 * self.log2)
     }
     /// Bytes of each of the two masks.
-    pub fn mask(self) -> usize {
+    pub(crate) fn mask(self) -> usize {
         self.entries() / 8
     }
     /// Offset of the minimum, or before it by less than its alignment.
-    pub fn statistics(self) -> usize {
+    pub(crate) fn statistics(self) -> usize {
         NODE_MASKS + 2 * self.mask()
     }
     /// Offset of the table.
-    pub fn table(self, kind: Kind) -> usize {
+    pub(crate) fn table(self, kind: Kind) -> usize {
         kind.after_statistics(self.statistics()).next_multiple_of(ALIGNMENT)
     }
     /// Bytes of a node.
-    pub fn node(self, kind: Kind) -> usize {
+    pub(crate) fn node(self, kind: Kind) -> usize {
         self.table(kind) + self.entries() * kind.entry()
     }
     /// Index coordinates of an entry relative to the node.
-    pub fn offset(self, entry: usize) -> [i32; 3] {
+    pub(crate) fn offset(self, entry: usize) -> [i32; 3] {
         let mask = (1 << self.log2) - 1;
         let entry = entry as i32;
         [entry >> (2 * self.log2), entry >> self.log2 & mask, entry & mask].map(|i| i << self.child_log2)
     }
     /// Entry of the table at index coordinates.
-    pub fn entry_at(self, [x, y, z]: [i32; 3]) -> usize {
+    pub(crate) fn entry_at(self, [x, y, z]: [i32; 3]) -> usize {
         let mask = (1 << self.log2) - 1;
         let along = |c: i32| (c >> self.child_log2 & mask) as usize;
         along(x) << (2 * self.log2) | along(y) << self.log2 | along(z)

@@ -4,22 +4,22 @@
 pub(super) struct Memory(pub Vec<u8>);
 
 impl Memory {
-    pub fn put<const N: usize>(&mut self, at: usize, bytes: [u8; N]) {
+    pub(crate) fn put<const N: usize>(&mut self, at: usize, bytes: [u8; N]) {
         self.0[at..at + N].copy_from_slice(&bytes);
     }
-    pub fn u32(&mut self, at: usize, value: u32) {
+    pub(crate) fn u32(&mut self, at: usize, value: u32) {
         self.put(at, value.to_le_bytes());
     }
-    pub fn u64(&mut self, at: usize, value: u64) {
+    pub(crate) fn u64(&mut self, at: usize, value: u64) {
         self.put(at, value.to_le_bytes());
     }
-    pub fn f64s(&mut self, at: usize, values: &[f64]) {
+    pub(crate) fn f64s(&mut self, at: usize, values: &[f64]) {
         values.iter().enumerate().for_each(|(i, v)| self.put(at + 8 * i, v.to_le_bytes()));
     }
-    pub fn coordinates(&mut self, at: usize, values: [i32; 3]) {
+    pub(crate) fn coordinates(&mut self, at: usize, values: [i32; 3]) {
         values.iter().enumerate().for_each(|(i, v)| self.put(at + 4 * i, v.to_le_bytes()));
     }
-    pub fn bounds(&mut self, at: usize, bounds: Option<([i32; 3], [i32; 3])>, empty: [i32; 3]) {
+    pub(crate) fn bounds(&mut self, at: usize, bounds: Option<([i32; 3], [i32; 3])>, empty: [i32; 3]) {
         let (low, high) = bounds.unwrap_or((empty, empty));
         self.coordinates(at, low);
         self.coordinates(at + 12, high);

@@ -138,7 +138,7 @@ impl<'a, V: Value> Nodes<'a, V> {
     ///
     /// # Errors
     /// If two of them claim one place, or a tile's edge is not 8, 128 or 4096.
-    pub fn new(background: V, mut leaves: Vec<LeafRef<'a, V>>, tiles: &[TileRef<V>]) -> Result<Self> {
+    pub(crate) fn new(background: V, mut leaves: Vec<LeafRef<'a, V>>, tiles: &[TileRef<V>]) -> Result<Self> {
         let clash = |origin: [i32; 3]| {
             Error::invalid(format!("two parts of the tree claim the voxels from {origin:?} on"))
                 .hint("write the grid again where it was made")
@@ -223,7 +223,7 @@ impl<'a, V: Value> Nodes<'a, V> {
     }
 
     /// Bytes of the parts: the grid's and the tree's header, the root with its tiles, upper and lower nodes, leaves.
-    pub fn sizes(&self) -> [usize; 5] {
+    pub(crate) fn sizes(&self) -> [usize; 5] {
         let kind = V::KIND;
         [
             GRID + TREE,

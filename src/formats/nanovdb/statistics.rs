@@ -15,24 +15,24 @@ pub(super) struct Statistics<V> {
 
 impl<V: Copy> Statistics<V> {
     /// Statistics of nothing.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { count: 0.0, mean: 0.0, squares: 0.0, extremes: None, bounds: None }
     }
 
     /// Adds a value that `count` voxels have.
-    pub fn add(&mut self, value: V, measure: f64, count: f64) {
+    pub(crate) fn add(&mut self, value: V, measure: f64, count: f64) {
         let one = Self { count, mean: measure, squares: 0.0, extremes: Some([(measure, value); 2]), bounds: None };
         self.merge(&one);
     }
 
     /// Widens the box to include that from `low` to `high`.
-    pub fn include(&mut self, low: [i32; 3], high: [i32; 3]) {
+    pub(crate) fn include(&mut self, low: [i32; 3], high: [i32; 3]) {
         let (l, h) = self.bounds.unwrap_or((low, high));
         self.bounds = Some((std::array::from_fn(|a| l[a].min(low[a])), std::array::from_fn(|a| h[a].max(high[a]))));
     }
 
     /// Adds the statistics of other voxels (Chan et al., "Updating formulae and a pairwise algorithm", 1979).
-    pub fn merge(&mut self, other: &Self) {
+    pub(crate) fn merge(&mut self, other: &Self) {
         if let Some((low, high)) = other.bounds {
             self.include(low, high);
         }
@@ -53,12 +53,12 @@ impl<V: Copy> Statistics<V> {
     }
 
     /// Values of the least and the greatest measure; `empty` where there are none.
-    pub fn extremes(&self, empty: V) -> [V; 2] {
+    pub(crate) fn extremes(&self, empty: V) -> [V; 2] {
         self.extremes.map_or([empty; 2], |both| both.map(|(_, value)| value))
     }
 
     /// Mean and standard deviation of the measures; 0 where there are none.
-    pub fn moments(&self) -> [f64; 2] {
+    pub(crate) fn moments(&self) -> [f64; 2] {
         [self.mean, if self.count > 0.0 { (self.squares / self.count).sqrt() } else { 0.0 }]
     }
 }

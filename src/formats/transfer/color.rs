@@ -29,7 +29,7 @@ impl Space {
     ///
     /// # Errors
     /// If the name is none of those supported.
-    pub fn named(name: &str, wrap: bool) -> Result<Self> {
+    pub(crate) fn named(name: &str, wrap: bool) -> Result<Self> {
         match name {
             "RGB" => Ok(Self::Rgb),
             "HSV" => Ok(Self::Hsv { wrap }),
@@ -46,7 +46,7 @@ impl Space {
 
     /// Color at `s`, from 0 to 1, between two colors. Except for [`Space::Step`], the ends are the two colors to the
     /// last bit, so that neighbouring pieces meet.
-    pub fn between(self, s: f64, from: Rgb, to: Rgb) -> Rgb {
+    pub(crate) fn between(self, s: f64, from: Rgb, to: Rgb) -> Rgb {
         if self == Self::Step || s >= 1.0 {
             return to;
         }
@@ -68,7 +68,7 @@ impl Space {
 impl Space {
     /// Positions between two colors, from 0 to 1, at which the interpolation has kinks, apart from those at the
     /// display's limits.
-    pub fn kinks(self, from: Rgb, to: Rgb) -> Vec<f64> {
+    pub(crate) fn kinks(self, from: Rgb, to: Rgb) -> Vec<f64> {
         match self {
             Self::Rgb | Self::Lab | Self::Step => Vec::new(),
             // White may lie in the middle.

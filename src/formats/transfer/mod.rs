@@ -28,12 +28,12 @@ mod paraview_xml;
 mod rescale;
 mod summary;
 
-pub use builtin::{Builtin, builtins, is_builtin};
+pub(crate) use builtin::{Builtin, builtins, is_builtin};
 pub use carried::{METADATA_KEY, from_metadata, to_metadata};
 pub use document::{FORMAT, VERSION, save};
-pub use paraview::MOST_OPACITY;
-pub use rescale::range;
-pub use summary::TransferSummary;
+pub(crate) use paraview::MOST_OPACITY;
+pub(crate) use rescale::range;
+pub(crate) use summary::TransferSummary;
 
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;

@@ -8,7 +8,7 @@ use crate::scene::table::{Rgbs, Table};
 use crate::scene::transfer::Transfer;
 
 /// Largest opacity; greater ones count as this, an optical depth of 10 ln 2, about 6.9, per unit distance.
-pub const MOST_OPACITY: f64 = 1.0 - 1.0 / 1024.0;
+pub(crate) const MOST_OPACITY: f64 = 1.0 - 1.0 / 1024.0;
 
 /// Number of samples over the whole range of densities.
 const SAMPLES: f64 = 1024.0;

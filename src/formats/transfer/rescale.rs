@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::scene::transfer::{Lobe, Transfer};
 
 /// Range of densities of a function: its domain, or the densities of its first and last point.
-pub fn range(transfer: &Transfer) -> [f64; 2] {
+pub(crate) fn range(transfer: &Transfer) -> [f64; 2] {
     match transfer {
         Transfer::Texture { domain, .. } | Transfer::Gaussians { domain, .. } | Transfer::Identity { domain, .. } => {
             *domain

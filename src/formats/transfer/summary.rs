@@ -8,7 +8,7 @@ use std::fmt;
 
 /// Kind, size, range and peak values of a transfer function.
 #[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
-pub struct TransferSummary {
+pub(crate) struct TransferSummary {
     /// Kind of function: `texture`, `piecewise`, `gaussians` or `identity`.
     pub kind: &'static str,
     /// Number of texels, points or lobes; 1 for an identity.
@@ -30,7 +30,7 @@ impl TransferSummary {
     ///
     /// # Errors
     /// The conditions are those of [`Transfer::table`].
-    pub fn of(transfer: &Transfer) -> Result<Self> {
+    pub(crate) fn of(transfer: &Transfer) -> Result<Self> {
         let (kind, entries, parameters) = match transfer {
             Transfer::Texture { texels, .. } => ("texture", texels.len(), 4 * texels.len()),
             Transfer::Piecewise { points } => ("piecewise", points.len(), 5 * points.len()),

@@ -29,7 +29,7 @@ mod remarks;
 mod save;
 
 pub use load::{load, load_within, read_object, stated_within};
-pub use problems::frame_problems;
+pub(crate) use problems::frame_problems;
 pub use save::{check_names, save, save_for};
 
 use std::path::{Path, PathBuf};

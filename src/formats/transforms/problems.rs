@@ -15,7 +15,7 @@ const LISTED: usize = 100;
 ///
 /// # Errors
 /// If the operating system reports an error.
-pub fn frame_problems(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
+pub(crate) fn frame_problems(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
     let json = json_path(path);
     let Ok(root) = load::read_object(&json, limits) else { return Ok(Vec::new()) };
     let Some(Value::Array(frames)) = root.get("frames") else { return Ok(Vec::new()) };

@@ -51,7 +51,7 @@ impl Attribute {
     }
 
     /// True if the value may change over time.
-    pub fn is_animated(&self) -> bool {
+    pub(crate) fn is_animated(&self) -> bool {
         self.samples.len() > 1
     }
 
@@ -61,7 +61,7 @@ impl Attribute {
     }
 
     /// Returns all values that the attribute takes at some time: those of its samples, else the default.
-    pub fn values(&self) -> impl Iterator<Item = &Value> + '_ {
+    pub(crate) fn values(&self) -> impl Iterator<Item = &Value> + '_ {
         let default = self.default.as_ref().filter(|_| self.samples.is_empty());
         self.samples.iter().filter_map(|(_, value)| value.as_ref()).chain(default)
     }

@@ -68,7 +68,7 @@ fn pixel_aspect(camera: &Prim, time: f64) -> Result<f64> {
 
 impl Stage {
     /// Returns the cameras, in their order.
-    pub fn cameras(&self) -> impl Iterator<Item = &Prim> {
+    pub(crate) fn cameras(&self) -> impl Iterator<Item = &Prim> {
         self.of_type("Camera")
     }
 
@@ -98,7 +98,7 @@ impl Stage {
     ///
     /// # Errors
     /// If the camera's apertures cannot be used.
-    pub fn picture_size(&self, camera: &Prim, time: f64, width: u32) -> Result<[u32; 2]> {
+    pub(crate) fn picture_size(&self, camera: &Prim, time: f64, width: u32) -> Result<[u32; 2]> {
         if let Some([w, h]) = camera.tuple::<2>("cumulo:resolution", time) {
             let side = |v: f64| (1.0..=65_536.0).contains(&v).then_some(v as u32);
             if let (Some(w), Some(h)) = (side(w), side(h)) {
@@ -147,7 +147,7 @@ impl Stage {
     }
 
     /// Returns what a camera states and pictures do not show: blur by its lens or shutter, an exposure, clipping.
-    pub fn camera_remarks(&self, camera: &Prim, time: f64) -> Vec<String> {
+    pub(crate) fn camera_remarks(&self, camera: &Prim, time: f64) -> Vec<String> {
         let number = |name: &str| camera.number(name, time).unwrap_or_default();
         let told = [
             (number("fStop") > 0.0, "its depth of field is not simulated: all is sharp"),

@@ -59,7 +59,7 @@ impl Stage {
     }
 
     /// True if a camera's place or optics change over time.
-    pub fn camera_moves(&self, camera: &Prim) -> bool {
+    pub(crate) fn camera_moves(&self, camera: &Prim) -> bool {
         self.is_moving(camera) || camera.attributes.values().any(|a| a.is_animated())
     }
 

@@ -37,7 +37,7 @@ impl Fault {
     }
 
     /// Returns the place in the stage: its layer and its prim; `None` if the fault concerns the stage as a whole.
-    pub fn place(&self) -> Option<String> {
+    pub(crate) fn place(&self) -> Option<String> {
         let layer = self.layer.as_ref().map(|layer| format!("layer {}", layer.display()));
         let prim = self.prim.as_ref().map(|prim| format!("prim {prim}"));
         match (layer, prim) {

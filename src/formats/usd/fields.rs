@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// A grid in the words of UsdVol's schema `OpenVDBAsset`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct GridField {
+pub(crate) struct GridField {
     /// Name of the grid, which `fieldName` holds; several grids of a file may share it.
     pub name: String,
     /// Place among the grids of this name, which `fieldIndex` holds.
@@ -30,7 +30,7 @@ pub struct GridField {
 impl GridField {
     /// True if a grid's name in its file is `name`: grids of one name are told apart by their places, such as
     /// `density[1]`.
-    pub fn is_called(&self, name: &str) -> bool {
+    pub(crate) fn is_called(&self, name: &str) -> bool {
         (self.index == 0 && self.name == name)
             || name.strip_prefix(&self.name).is_some_and(|number| number == format!("[{}]", self.index))
     }
@@ -40,7 +40,7 @@ impl GridField {
 ///
 /// # Errors
 /// If the file or one of its grids cannot be read, or does not fit into `limits`.
-pub fn read(path: &Path, limits: Limits) -> Result<Vec<GridField>> {
+pub(crate) fn read(path: &Path, limits: Limits) -> Result<Vec<GridField>> {
     let file = File::open(path, limits)?;
     let mut fields: Vec<GridField> = Vec::new();
     for entry in file.entries() {

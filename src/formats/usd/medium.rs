@@ -54,7 +54,7 @@ pub struct ScatteringOverride {
 
 impl Overrides {
     /// True if nothing is replaced.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.density_scale.is_none() && self.scattering.is_none() && self.emission.is_none() && self.transfer.is_none()
     }
 

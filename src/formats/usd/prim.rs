@@ -26,17 +26,17 @@ pub struct Prim {
 
 impl Prim {
     /// True if a type is stated. Prims without one have neither a transform, nor a visibility, nor a purpose.
-    pub fn is_typed(&self) -> bool {
+    pub(crate) fn is_typed(&self) -> bool {
         !self.type_name.is_empty()
     }
 
     /// Returns the last part of the path.
-    pub fn name(&self) -> &str {
+    pub(crate) fn name(&self) -> &str {
         self.path.rsplit('/').next().unwrap_or_default()
     }
 
     /// Returns the path of the parent; `None` for a root prim.
-    pub fn parent(&self) -> Option<&str> {
+    pub(crate) fn parent(&self) -> Option<&str> {
         self.path.rsplit_once('/').map(|(parent, _)| parent).filter(|parent| !parent.is_empty())
     }
 

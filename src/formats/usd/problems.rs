@@ -15,7 +15,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// If the operating system does not let the stage be read. A stage that cannot be opened is a problem.
-pub fn problems(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
+pub(crate) fn problems(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
     let stage = match Stage::open(path, limits) {
         Ok(stage) => stage,
         Err(error) => return Ok(vec![Problem::of(error)?]),

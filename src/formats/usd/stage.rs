@@ -99,7 +99,7 @@ impl Stage {
     }
 
     /// Returns a prim and its ancestors, from the prim upwards.
-    pub fn upwards<'s>(&'s self, prim: &'s Prim) -> impl Iterator<Item = &'s Prim> {
+    pub(crate) fn upwards<'s>(&'s self, prim: &'s Prim) -> impl Iterator<Item = &'s Prim> {
         std::iter::successors(Some(prim), |prim| self.prim(prim.parent()?))
     }
 
@@ -156,7 +156,7 @@ impl Stage {
     }
 
     /// True if a prim's place in the stage changes over time.
-    pub fn is_moving(&self, prim: &Prim) -> bool {
+    pub(crate) fn is_moving(&self, prim: &Prim) -> bool {
         self.upwards(prim).any(|prim| {
             let operations = prim.attributes.values().filter(|a| a.name.starts_with("xformOp"));
             operations.into_iter().any(|a| a.is_animated())
@@ -175,13 +175,13 @@ impl Stage {
 
     /// True if neither a prim nor one above it is made invisible at a time code. Prims without a type have no
     /// visibility.
-    pub fn is_visible(&self, prim: &Prim, time: f64) -> bool {
+    pub(crate) fn is_visible(&self, prim: &Prim, time: f64) -> bool {
         let hides = |prim: &Prim| prim.is_typed() && prim.text("visibility", time).is_some_and(|v| v == "invisible");
         !self.upwards(prim).any(hides)
     }
 
     /// True if a prim lies beneath a `PointInstancer`, which shows it at the places of its instances alone.
-    pub fn is_prototype(&self, prim: &Prim) -> bool {
+    pub(crate) fn is_prototype(&self, prim: &Prim) -> bool {
         self.upwards(prim).skip(1).any(|prim| prim.type_name == "PointInstancer")
     }
 
@@ -204,7 +204,7 @@ impl Stage {
     }
 
     /// Returns the path of an asset's file for messages: `PACKAGE.usdz[PATH]` within a package.
-    pub fn shown(&self, asset: &Asset) -> PathBuf {
+    pub(crate) fn shown(&self, asset: &Asset) -> PathBuf {
         match asset.packaged() {
             Some((package, inner)) if is_same(package, &self.path) => {
                 PathBuf::from(format!("{}[{inner}]", self.path.display()))
@@ -229,7 +229,7 @@ impl Stage {
 
     /// Says why the file of an asset is not there to be read, as in "does not exist" or "cannot be read: this is a
     /// folder"; `None` if it can be opened.
-    pub fn absence(&self, asset: &Asset) -> Option<String> {
+    pub(crate) fn absence(&self, asset: &Asset) -> Option<String> {
         let refused = |e: Error| match e.io_kind() {
             Some(std::io::ErrorKind::NotFound) => "does not exist".to_owned(),
             _ => format!("cannot be read: {}", e.what()),
@@ -245,7 +245,7 @@ impl Stage {
 
     /// Returns the files that pictures need beside those of fields, textures of domes and transfer functions, each with
     /// the prim and the attribute that name it.
-    pub fn other_files(&self) -> impl Iterator<Item = (&Prim, &'static str, &Asset)> {
+    pub(crate) fn other_files(&self) -> impl Iterator<Item = (&Prim, &'static str, &Asset)> {
         let named = self.prims.iter().filter_map(|prim| match prim.type_name.as_str() {
             "DomeLight" | "DomeLight_1" => Some((prim, "inputs:texture:file")),
             "Volume" => Some((prim, "cumulo:transfer")),

@@ -20,7 +20,7 @@ const MOST_LISTED: usize = 10;
 
 /// Volumes, cameras and lights of a stage, and its metadata.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
-pub struct StageSummary {
+pub(crate) struct StageSummary {
     /// Path of the default prim.
     pub default_prim: Option<String>,
     /// Axis that points upwards.
@@ -55,7 +55,7 @@ pub struct StageSummary {
 
 impl StageSummary {
     /// Returns the error that the first of the faults is, for the stage at `path`; `None` if nothing is missing.
-    pub fn error(&self, path: &Path) -> Option<Error> {
+    pub(crate) fn error(&self, path: &Path) -> Option<Error> {
         let Problem { part, what, remedy } = self.faults.first()?;
         let error = Error::invalid(what).hint(remedy).at(path);
         Some(match part {
@@ -67,7 +67,7 @@ impl StageSummary {
 
 /// A volume of a stage.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
-pub struct VolumeSummary {
+pub(crate) struct VolumeSummary {
     /// Path of the prim.
     pub path: String,
     /// True if pictures show it at the first time code.
@@ -83,7 +83,7 @@ pub struct VolumeSummary {
 
 /// A field of a volume.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
-pub struct FieldSummary {
+pub(crate) struct FieldSummary {
     /// Name of the relationship, without `field:`.
     pub name: String,
     /// Part that it plays.
@@ -104,7 +104,7 @@ pub struct FieldSummary {
 
 /// A camera of a stage, at the first time code.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
-pub struct CameraSummary {
+pub(crate) struct CameraSummary {
     /// Path of the prim.
     pub path: String,
     /// `perspective` or `orthographic`.
@@ -121,7 +121,7 @@ pub struct CameraSummary {
 
 /// A light of a stage.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
-pub struct LightSummary {
+pub(crate) struct LightSummary {
     /// Path of the prim.
     pub path: String,
     /// Type of the prim.
@@ -133,7 +133,7 @@ pub struct LightSummary {
 ///
 /// # Errors
 /// If [`Stage::open`] fails.
-pub fn summary(path: &Path, limits: Limits) -> Result<StageSummary> {
+pub(crate) fn summary(path: &Path, limits: Limits) -> Result<StageSummary> {
     let stage = Stage::open(path, limits)?;
     let time = stage.first_time();
     let (missing, others): (Vec<&Fault>, Vec<&Fault>) = stage.faults.iter().partition(|fault| fault.incomplete);

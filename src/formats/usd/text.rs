@@ -20,7 +20,7 @@ pub(super) struct Prepared {
 
 impl Prepared {
     /// Returns the number of the line in the file, from that in the text.
-    pub fn line(&self, line: usize) -> usize {
+    pub(crate) fn line(&self, line: usize) -> usize {
         line - self.moved.iter().filter(|(after, _)| line > *after).map(|(_, lines)| lines).sum::<usize>()
     }
 }

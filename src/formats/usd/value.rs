@@ -45,7 +45,7 @@ pub struct Asset {
 
 impl Asset {
     /// Splits a path within a package into that of the package and that within it.
-    pub fn packaged(&self) -> Option<(&Path, &str)> {
+    pub(crate) fn packaged(&self) -> Option<(&Path, &str)> {
         let text = self.path.to_str()?.strip_suffix(']')?;
         let at = text.to_ascii_lowercase().find(".usdz[")?;
         Some((Path::new(&text[..at + 5]), &text[at + 6..]))
@@ -54,7 +54,7 @@ impl Asset {
 
 impl Value {
     /// Returns a number, from an integer too.
-    pub fn number(&self) -> Option<f64> {
+    pub(crate) fn number(&self) -> Option<f64> {
         match self {
             Self::Number(v) => Some(*v),
             Self::Int(v) => Some(*v as f64),
@@ -63,7 +63,7 @@ impl Value {
     }
 
     /// Returns a truth value, from an integer too.
-    pub fn bool(&self) -> Option<bool> {
+    pub(crate) fn bool(&self) -> Option<bool> {
         match self {
             Self::Bool(v) => Some(*v),
             Self::Int(v) => Some(*v != 0),
@@ -72,7 +72,7 @@ impl Value {
     }
 
     /// Returns an integer.
-    pub fn int(&self) -> Option<i64> {
+    pub(crate) fn int(&self) -> Option<i64> {
         if let Self::Int(v) = self { Some(*v) } else { None }
     }
 
@@ -92,7 +92,7 @@ impl Value {
     }
 
     /// Returns a 4x4 matrix.
-    pub fn matrix(&self) -> Option<DMat4> {
+    pub(crate) fn matrix(&self) -> Option<DMat4> {
         if let Self::Matrix(v) = self { Some(*v) } else { None }
     }
 
@@ -102,7 +102,7 @@ impl Value {
     }
 
     /// Returns the strings or tokens of an array; elements of other kinds are left out.
-    pub fn texts(&self) -> Vec<&str> {
+    pub(crate) fn texts(&self) -> Vec<&str> {
         self.list().unwrap_or_default().iter().filter_map(Self::text).collect()
     }
 

@@ -22,7 +22,7 @@ pub enum Role {
 
 impl Role {
     /// Returns the name of the relationship that says the part without doubt.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Density => "density",
             Self::Temperature => "temperature",
@@ -54,7 +54,7 @@ pub struct Field {
 
 impl Field {
     /// Returns the name of the grid in its file: with its number where one is stated, as files list grids of one name.
-    pub fn grid_names(&self) -> [String; 2] {
+    pub(crate) fn grid_names(&self) -> [String; 2] {
         [format!("{}[{}]", self.grid, self.index.unwrap_or(0)), self.grid.clone()]
     }
 }
@@ -76,7 +76,7 @@ fn role(name: &str, grid: &str) -> Role {
 
 impl Stage {
     /// Returns the volumes, in their order.
-    pub fn volumes(&self) -> impl Iterator<Item = &Prim> {
+    pub(crate) fn volumes(&self) -> impl Iterator<Item = &Prim> {
         self.of_type("Volume")
     }
 
@@ -111,7 +111,7 @@ impl Stage {
     }
 
     /// Returns what keeps relationships of a volume from being fields, in words: more than one target.
-    pub fn unclear_fields<'s>(&self, volume: &'s Prim) -> impl Iterator<Item = String> + 's {
+    pub(crate) fn unclear_fields<'s>(&self, volume: &'s Prim) -> impl Iterator<Item = String> + 's {
         let several =
             volume.relationships.iter().filter(|(name, targets)| name.starts_with("field:") && targets.len() > 1);
         several.map(|(name, targets)| format!("{name} has {} targets, so that it is no field", targets.len()))

@@ -27,7 +27,7 @@ impl ValueKind {
     }
 
     /// Bytes of memory that a leaf of 8³ voxels takes, the allocator's share included.
-    pub fn leaf_bytes(self) -> u64 {
+    pub(crate) fn leaf_bytes(self) -> u64 {
         let value = match self {
             Self::Float | Self::Int32 => 4,
             Self::Double => 8,
@@ -117,7 +117,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If the edge is another, or the grid is none of scalars that [`NativeGrid::empty`] makes.
-    pub fn add_tile(&mut self, origin: [i32; 3], dim: i32, value: f64) -> Result<()> {
+    pub(crate) fn add_tile(&mut self, origin: [i32; 3], dim: i32, value: f64) -> Result<()> {
         if !matches!(dim, 8 | 128 | 4096) || origin.iter().any(|c| c.rem_euclid(dim) != 0) {
             return Err(Error::native(format!("a tile of {dim} voxels at {origin:?} fits no tree")));
         }

@@ -10,7 +10,7 @@ use std::collections::HashSet;
 use std::ptr::null_mut;
 
 /// Voxels on each side of the surface of a level set that is made here, which is OpenVDB's own default.
-pub const HALF_WIDTH: f32 = 3.0;
+pub(crate) const HALF_WIDTH: f32 = 3.0;
 
 /// How the values of a new lattice follow from those of the old one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
@@ -36,7 +36,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If OpenVDB reports an error, or the transform is not affine.
-    pub fn coarsens(&self, voxel_size: f64) -> Result<bool> {
+    pub(crate) fn coarsens(&self, voxel_size: f64) -> Result<bool> {
         // Rounding of a voxel's edge must not make an equal size a finer one.
         Ok(self.info()?.affine()?.voxel_size().max_element() <= voxel_size * (1.0 + 1e-9))
     }
@@ -47,7 +47,7 @@ impl NativeGrid {
     /// # Errors
     /// If the grid cannot be averaged, its transform is not affine, or
     /// [`writable`](super::writable) refuses the new one.
-    pub fn resample_box(&mut self, voxel_size: f64) -> Result<()> {
+    pub(crate) fn resample_box(&mut self, voxel_size: f64) -> Result<()> {
         let (matrix, scale) = self.resampled_lattice(voxel_size)?;
         // SAFETY: the grid is alive, the matrix has 16 entries and the scale 3.
         ffi::call(|s| unsafe { ffi::grid_resample_box(self.as_ptr(), matrix.as_ptr(), scale.as_ptr(), s) })
@@ -59,7 +59,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If OpenVDB reports an error, or the transform is not affine.
-    pub fn resampled_box_bytes(&self, voxel_size: f64, limit: u64) -> Result<u64> {
+    pub(crate) fn resampled_box_bytes(&self, voxel_size: f64, limit: u64) -> Result<u64> {
         let info = self.info()?;
         let scale = (info.affine()?.voxel_size() / voxel_size).to_array();
         // A list's entry, and its share of the table.
@@ -99,7 +99,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If the grid holds neither floats nor doubles.
-    pub fn to_fog(&mut self) -> Result<()> {
+    pub(crate) fn to_fog(&mut self) -> Result<()> {
         // SAFETY: the grid is alive.
         ffi::call(|s| unsafe { ffi::grid_to_fog(self.as_ptr(), s) }).map_err(self.named())
     }
@@ -113,7 +113,7 @@ impl NativeGrid {
     /// # Errors
     /// If the grid holds neither floats nor doubles, its voxels are no cubes, the values outside are not below `iso`,
     /// or none inside is at least that.
-    pub fn to_level_set(&mut self, iso: f64) -> Result<()> {
+    pub(crate) fn to_level_set(&mut self, iso: f64) -> Result<()> {
         let info = self.info()?;
         let voxel = cubic(&info.affine()?).ok_or_else(|| {
             Error::unsupported("level sets need voxels that are cubes")
@@ -136,7 +136,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If the grid has no values (points).
-    pub fn level_set_bytes(&self, iso: f64) -> Result<u64> {
+    pub(crate) fn level_set_bytes(&self, iso: f64) -> Result<u64> {
         let info = self.info()?;
         let (mut inside, mut mixed, mut cells) = (HashSet::new(), Vec::new(), 0.0);
         self.for_each_leaf(|leaf| {
@@ -176,7 +176,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If the grid has no values (points).
-    pub fn value_range(&self) -> Result<(f64, f64)> {
+    pub(crate) fn value_range(&self) -> Result<(f64, f64)> {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         let mut include = |v: f32| {
             if v.is_finite() {
@@ -195,7 +195,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If the grid holds no vectors.
-    pub fn turn_vectors(&mut self, turn: DMat3) -> Result<()> {
+    pub(crate) fn turn_vectors(&mut self, turn: DMat3) -> Result<()> {
         let rows = turn.transpose().to_cols_array();
         // SAFETY: the grid is alive and the matrix has 9 entries.
         ffi::call(|s| unsafe { ffi::grid_turn_vectors(self.as_ptr(), rows.as_ptr(), s) }).map_err(self.named())
@@ -223,7 +223,7 @@ impl NativeGrid {
     /// # Errors
     /// If the grids lie on different lattices, hold different types or none of float, double and int32, or the name
     /// contains a NUL byte.
-    pub fn merge([x, y, z]: [&Self; 3], name: &str) -> Result<Self> {
+    pub(crate) fn merge([x, y, z]: [&Self; 3], name: &str) -> Result<Self> {
         let lattice = x.info()?.affine()?;
         for other in [y, z] {
             if !lattice.is_close(&other.info()?.affine()?) {

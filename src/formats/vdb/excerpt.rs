@@ -87,7 +87,7 @@ fn append(bytes: &mut Vec<u8>, source: &Source, grid: &Entry, all: &[&Entry]) ->
 ///
 /// # Errors
 /// If the bytes are damaged, or OpenVDB reports an error; a damaged grid often ends the process instead.
-pub fn try_grid(bytes: Vec<u8>, limits: Limits) -> Result<()> {
+pub(crate) fn try_grid(bytes: Vec<u8>, limits: Limits) -> Result<()> {
     preflight::in_memory(&bytes, Path::new(""), &limits)?;
     let grid = Excerpt { bytes }.grid("")?;
     // SAFETY: the grid is alive.

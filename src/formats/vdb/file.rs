@@ -40,11 +40,11 @@ impl File {
     }
 
     /// Path by which the file was opened.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.source.path
     }
     /// File version, writing library and grid directory.
-    pub fn preflight(&self) -> &Preflight {
+    pub(crate) fn preflight(&self) -> &Preflight {
         &self.preflight
     }
     /// Grids in file order.
@@ -159,7 +159,7 @@ impl File {
     ///
     /// # Errors
     /// If there is no such grid or more than one; the error lists the grids.
-    pub fn density_name(&self) -> Result<String> {
+    pub(crate) fn density_name(&self) -> Result<String> {
         let entries = self.entries();
         if entries.iter().any(|e| e.base_name == "density") {
             return self.find("density").map(|e| e.name.clone());

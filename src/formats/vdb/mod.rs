@@ -29,17 +29,17 @@ pub mod preflight;
 pub mod shaded;
 mod source;
 mod topology;
-pub mod up;
-pub mod vector_kind;
-pub mod velocity;
+pub(crate) mod up;
+pub(crate) mod vector_kind;
+pub(crate) mod velocity;
 mod write;
 
 pub use dense::{DenseBox, ValueKind};
-pub use edit::{HALF_WIDTH, ResampleFilter};
-pub use excerpt::try_grid;
+pub(crate) use edit::{HALF_WIDTH, ResampleFilter};
+pub(crate) use excerpt::try_grid;
 pub use file::{CONFIDENCE, File};
 pub use native::{GridInfo, NativeGrid, RawGrid, RawLeaf, RawTile, Transform, writable};
-pub use topology::Topology;
+pub(crate) use topology::Topology;
 pub use write::{Codec, write_grids, write_native};
 
 use crate::error::{Error, Result};

@@ -81,7 +81,7 @@ impl GridInfo {
 
     /// World-space box around the active voxels' cells (half a voxel beyond their centres); `None` if there are none or
     /// the transform is not affine.
-    pub fn world_box(&self) -> Option<Aabb> {
+    pub(crate) fn world_box(&self) -> Option<Aabb> {
         let (Transform::Affine(map), Some((min, max))) = (&self.transform, self.index_box) else { return None };
         let corner = |c: [i32; 3]| DVec3::from_array(c.map(f64::from));
         Some(map.box_to_world(Aabb { min: corner(min) - 0.5, max: corner(max) + 0.5 }))
@@ -330,7 +330,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If OpenVDB reports an error.
-    pub fn mend_metadata(&mut self) -> Result<(u64, String)> {
+    pub(crate) fn mend_metadata(&mut self) -> Result<(u64, String)> {
         let (mut dropped, mut first) = (0, [0; 64]);
         // SAFETY: the grid is alive, and both are valid places.
         ffi::call(|s| unsafe { ffi::grid_mend_meta(self.as_ptr(), &mut dropped, &mut first, s) })
@@ -342,7 +342,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If the name contains a NUL byte.
-    pub fn set_name(&mut self, name: &str) -> Result<()> {
+    pub(crate) fn set_name(&mut self, name: &str) -> Result<()> {
         self.set_stored_name(name)?;
         self.name = name.to_owned();
         Ok(())
@@ -359,7 +359,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If OpenVDB reports an error.
-    pub fn set_class(&mut self, class: GridClass) -> Result<()> {
+    pub(crate) fn set_class(&mut self, class: GridClass) -> Result<()> {
         let code = match class {
             GridClass::Unknown => 0,
             GridClass::LevelSet => 1,
@@ -374,7 +374,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If OpenVDB reports an error.
-    pub fn set_half(&mut self, half: bool) -> Result<()> {
+    pub(crate) fn set_half(&mut self, half: bool) -> Result<()> {
         // SAFETY: the grid is alive.
         ffi::call(|s| unsafe { ffi::grid_set_half(self.as_ptr(), half.into(), s) }).map_err(self.place())
     }
@@ -383,7 +383,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If [`writable`] refuses the transform, or OpenVDB reports an error.
-    pub fn set_transform(&mut self, transform: &Affine) -> Result<()> {
+    pub(crate) fn set_transform(&mut self, transform: &Affine) -> Result<()> {
         writable(transform).map_err(self.place())?;
         let matrix = transform.matrix().to_cols_array();
         // SAFETY: the grid is alive and the matrix has 16 entries.
@@ -406,7 +406,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If the grid has no values (points).
-    pub fn prune(&mut self, tolerance: f64) -> Result<()> {
+    pub(crate) fn prune(&mut self, tolerance: f64) -> Result<()> {
         // SAFETY: the grid is alive.
         ffi::call(|s| unsafe { ffi::grid_prune(self.as_ptr(), tolerance, s) }).map_err(self.place())
     }
@@ -517,7 +517,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If OpenVDB reports an error.
-    pub fn repair(&mut self, negative: bool) -> Result<u64> {
+    pub(crate) fn repair(&mut self, negative: bool) -> Result<u64> {
         let mut changed = 0;
         // SAFETY: the grid is alive and `changed` a valid place.
         ffi::call(|s| unsafe { ffi::grid_repair(self.as_ptr(), negative.into(), &mut changed, s) })
@@ -556,7 +556,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If the grid has no values (points).
-    pub fn for_each_leaf(&self, mut visit: impl FnMut(&RawLeaf) -> bool) -> Result<()> {
+    pub(crate) fn for_each_leaf(&self, mut visit: impl FnMut(&RawLeaf) -> bool) -> Result<()> {
         let leaves = self.leaves()?;
         let values = vec![0.0; LEAF_VOXELS * leaves.components];
         let mut leaf = RawLeaf { origin: [0; 3], values, active: [0; 8] };
@@ -573,7 +573,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If the grid has no values (points).
-    pub fn tiles(&self) -> Result<Vec<RawTile>> {
+    pub(crate) fn tiles(&self) -> Result<Vec<RawTile>> {
         // A second walk costs more than this room, which few grids exceed.
         let mut raw = vec![ffi::RawTile::default(); 256];
         let mut count = 0;
@@ -625,7 +625,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If [`NativeGrid::to_grid`] fails, or both do not fit.
-    pub fn to_grid_within(&self, max_memory: u64) -> Result<Grid> {
+    pub(crate) fn to_grid_within(&self, max_memory: u64) -> Result<Grid> {
         let info = self.info()?;
         let bytes = info.memory.saturating_add(info.leaf_count * (size_of::<Leaf>() + 4 * LEAF_VOXELS + 16) as u64);
         if bytes > max_memory {
@@ -696,7 +696,7 @@ impl NativeGrid {
     /// # Errors
     /// If a leaf has the wrong number of values, a tile's edge is not 8, 128 or 4096, [`writable`] refuses the
     /// transform, or OpenVDB reports an error.
-    pub fn from_raw(
+    pub(crate) fn from_raw(
         name: &str,
         class: GridClass,
         transform: &Affine,

@@ -3,7 +3,7 @@
 use crate::scene::up::Up;
 
 /// Key of the file's metadata under which a conversion states the up axis, "Y" or "Z".
-pub const UP_KEY: &str = "cumulo_up";
+pub(crate) const UP_KEY: &str = "cumulo_up";
 
 /// Longest value that is looked at, in bytes.
 const LONGEST: usize = 4096;
@@ -28,7 +28,7 @@ pub(super) struct UpMarks {
 
 impl UpMarks {
     /// Looks at one entry of metadata. The first entry that says something counts.
-    pub fn note(&mut self, name: &str, type_name: &str, value: &[u8]) {
+    pub(crate) fn note(&mut self, name: &str, type_name: &str, value: &[u8]) {
         let text = (type_name == "string" && value.len() <= LONGEST).then(|| String::from_utf8_lossy(value));
         let found = |up, reason: String| Some(StatedUp { up, reason });
         match (name, text.as_deref()) {
@@ -48,7 +48,7 @@ impl UpMarks {
     }
 
     /// Returns the axis: that of a statement, else that of the program.
-    pub fn conclusion(&self) -> Option<&StatedUp> {
+    pub(crate) fn conclusion(&self) -> Option<&StatedUp> {
         self.stated.as_ref().or(self.producer.as_ref())
     }
 }

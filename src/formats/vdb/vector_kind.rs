@@ -2,7 +2,7 @@
 
 /// Meaning of a grid's vectors, as far as a turn of the world is concerned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum VectorKind {
+pub(crate) enum VectorKind {
     /// The values are directions, lengths or positions in world space, and turn with it.
     World,
     /// The values are the same however the world lies: colors, or components with respect to the grid's own axes.
@@ -31,7 +31,7 @@ const COLOR_NAMES: [&str; 7] = ["cd", "color", "colour", "rgb", "emission", "alb
 
 /// Returns what a turn of the world means for the vectors of a grid: by its metadata `is_local_space` and `vector_type`
 /// as OpenVDB defines them (`openvdb::VecType`), else by its name.
-pub fn of(name: &str, local: bool, vector_type: Option<&str>) -> VectorKind {
+pub(crate) fn of(name: &str, local: bool, vector_type: Option<&str>) -> VectorKind {
     let name = name.to_ascii_lowercase();
     let base = name.split('[').next().unwrap_or_default();
     match vector_type {
@@ -45,7 +45,7 @@ pub fn of(name: &str, local: bool, vector_type: Option<&str>) -> VectorKind {
 }
 
 /// True if a grid's name is by habit that of vectors of world space, such as velocities.
-pub fn is_world_name(name: &str) -> bool {
+pub(crate) fn is_world_name(name: &str) -> bool {
     let name = name.to_ascii_lowercase();
     name.split('[').next().is_some_and(|base| WORLD_NAMES.contains(&base))
 }

@@ -12,7 +12,7 @@ use glam::{DVec3, Vec3};
 /// # Errors
 /// If [`File::read`] fails, the grid holds no vectors, its transform is not affine, a value is not finite, or grid and
 /// copy do not fit into `max_memory` bytes.
-pub fn read(file: &File, name: &str, fps: f64, max_memory: u64) -> Result<Velocity> {
+pub(crate) fn read(file: &File, name: &str, fps: f64, max_memory: u64) -> Result<Velocity> {
     let place = |e: Error| e.part(format!("grid '{name}'")).at(file.path());
     let native = file.read(name)?;
     let info = native.info().map_err(place)?;

@@ -26,7 +26,7 @@ use std::sync::Arc;
 ///
 /// # Errors
 /// If there are too many bricks.
-pub fn unknowns(
+pub(crate) fn unknowns(
     observation: &Observation,
     request: &Request,
     lattice: &Affine,
@@ -58,7 +58,7 @@ pub fn unknowns(
 
 /// Medium, background and quadrature with which densities are rendered.
 #[derive(Debug)]
-pub struct ForwardModel<'a> {
+pub(crate) struct ForwardModel<'a> {
     /// Medium: extinction and source by density.
     pub medium: &'a Medium,
     /// Radiance behind the volume.
@@ -72,14 +72,14 @@ impl ForwardModel<'_> {
     ///
     /// # Errors
     /// If the medium cannot be used.
-    pub fn renderer<'f>(&self, field: &'f Bricks<f32>) -> Result<Composited<Dvr<'f, f32>>> {
+    pub(crate) fn renderer<'f>(&self, field: &'f Bricks<f32>) -> Result<Composited<Dvr<'f, f32>>> {
         Ok(Dvr::new(field, self.medium.clone())?.quadrature(self.quadrature).over(self.background))
     }
 }
 
 /// Pictures that densities are fitted to, and those held out.
 #[derive(Debug)]
-pub struct Views {
+pub(crate) struct Views {
     /// Pictures that are fitted.
     pub train: Vec<Target>,
     /// Pictures that are not fitted but measure the result.
@@ -88,7 +88,7 @@ pub struct Views {
 
 impl Views {
     /// Divides the photos as a request has it.
-    pub fn new(photos: &[Photo], request: &Request) -> Self {
+    pub(crate) fn new(photos: &[Photo], request: &Request) -> Self {
         let rays_per_edge = request.rays_per_edge;
         let target = |p: &Photo| Target { camera: p.camera, rgba: p.film.rgba.clone(), rays_per_edge };
         let held = |i: &usize| request.held_out.contains(i);
@@ -102,7 +102,7 @@ impl Views {
     ///
     /// # Errors
     /// If the medium cannot be used.
-    pub fn train_psnr(&self, fit: &Fit, model: &ForwardModel<'_>) -> Result<f64> {
+    pub(crate) fn train_psnr(&self, fit: &Fit, model: &ForwardModel<'_>) -> Result<f64> {
         fit.psnr(&self.train.iter().collect::<Vec<_>>(), model)
     }
 
@@ -110,7 +110,7 @@ impl Views {
     ///
     /// # Errors
     /// If the medium cannot be used.
-    pub fn held_out_psnr(&self, fit: &Fit, model: &ForwardModel<'_>) -> Result<Option<f64>> {
+    pub(crate) fn held_out_psnr(&self, fit: &Fit, model: &ForwardModel<'_>) -> Result<Option<f64>> {
         if self.held_out.is_empty() {
             return Ok(None);
         }
@@ -119,20 +119,20 @@ impl Views {
 }
 
 /// Returns `Σ |c - c'|` over colors and alpha, and its derivatives.
-pub fn absolute(rendered: &[f32; 4], target: &[f32; 4]) -> (f64, [f32; 4]) {
+pub(crate) fn absolute(rendered: &[f32; 4], target: &[f32; 4]) -> (f64, [f32; 4]) {
     let difference: [f32; 4] = std::array::from_fn(|c| rendered[c] - target[c]);
     let value = difference.iter().map(|d| f64::from(d.abs())).sum();
     (value, difference.map(|d| if d == 0.0 { 0.0 } else { d.signum() }))
 }
 
 /// Returns `Σ (c - c')² / 2` over colors and alpha, and its derivatives.
-pub fn squared(rendered: &[f32; 4], target: &[f32; 4]) -> (f64, [f32; 4]) {
+pub(crate) fn squared(rendered: &[f32; 4], target: &[f32; 4]) -> (f64, [f32; 4]) {
     let difference: [f32; 4] = std::array::from_fn(|c| rendered[c] - target[c]);
     (difference.iter().map(|d| 0.5 * f64::from(*d).powi(2)).sum(), difference)
 }
 
 /// Splits views into batches, in an order that changes from epoch to epoch (a stride coprime to their number).
-pub fn batches(train: &[Target], size: usize, epoch: u32) -> Vec<Vec<&Target>> {
+pub(crate) fn batches(train: &[Target], size: usize, epoch: u32) -> Vec<Vec<&Target>> {
     let n = train.len();
     let gcd = |mut a: usize, mut b: usize| {
         while b > 0 {
@@ -147,7 +147,7 @@ pub fn batches(train: &[Target], size: usize, epoch: u32) -> Vec<Vec<&Target>> {
 
 /// Densities that are fitted to pictures, and the state of their optimiser.
 #[derive(Debug)]
-pub struct Fit {
+pub(crate) struct Fit {
     /// Current densities.
     pub field: Bricks<f32>,
     /// 1 where a voxel is unknown, else 0.
@@ -167,7 +167,7 @@ pub struct Fit {
 impl Fit {
     /// Starts from densities `start` (512 a brick); `unit` is the density that counts as 1 in the learning rate and the
     /// prior.
-    pub fn new(
+    pub(crate) fn new(
         topology: Arc<Topology>,
         lattice: Affine,
         unknown: &[bool],
@@ -193,12 +193,12 @@ impl Fit {
     }
 
     /// Returns the number of unknown voxels.
-    pub fn unknowns(&self) -> usize {
+    pub(crate) fn unknowns(&self) -> usize {
         self.mask.iter().filter(|m| **m > 0.0).count()
     }
 
     /// Sets the learning rate.
-    pub fn rate(&mut self, rate: f32) {
+    pub(crate) fn rate(&mut self, rate: f32) {
         self.adam.rate = rate;
     }
 
@@ -212,7 +212,7 @@ impl Fit {
     ///
     /// # Errors
     /// If the medium cannot be used.
-    pub fn step(
+    pub(crate) fn step(
         &mut self,
         batch: &[&Target],
         model: &ForwardModel<'_>,
@@ -247,7 +247,7 @@ impl Fit {
     ///
     /// # Errors
     /// If the medium cannot be used.
-    pub fn psnr(&self, targets: &[&Target], model: &ForwardModel<'_>) -> Result<f64> {
+    pub(crate) fn psnr(&self, targets: &[&Target], model: &ForwardModel<'_>) -> Result<f64> {
         let values: usize = targets.iter().map(|t| 3 * t.rgba.len()).sum();
         let square = pictures::error(&model.renderer(&self.field)?, targets, &self.cancel);
         if !square.is_finite() && self.cancel.requested() {

@@ -22,7 +22,7 @@ pub(super) struct Prediction {
 
 impl Prediction {
     /// Measures the views with the densities `voxels`; none without views, or once the work is cancelled.
-    pub fn new(projector: &mut Projector, voxels: &[f32], views: &[View]) -> Option<Self> {
+    pub(crate) fn new(projector: &mut Projector, voxels: &[f32], views: &[View]) -> Option<Self> {
         let (mut square, mut noise, mut score, mut count) = (0.0, 0.0, 0.0, 0.0);
         for view in views {
             let error = ErrorPicture::new(projector, voxels, view);

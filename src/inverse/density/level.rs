@@ -76,7 +76,7 @@ pub(super) struct Solved {
 }
 
 impl Level {
-    pub fn new(
+    pub(crate) fn new(
         observation: &Observation,
         request: &Request,
         level: u32,
@@ -135,7 +135,7 @@ impl Level {
         })
     }
 
-    pub fn solve(&mut self, limit: u32, mut watch: impl FnMut(f64, Option<f64>) -> ControlFlow<()>) -> Solved {
+    pub(crate) fn solve(&mut self, limit: u32, mut watch: impl FnMut(f64, Option<f64>) -> ControlFlow<()>) -> Solved {
         let start = std::mem::take(&mut self.start);
         if let Some(penalty) = self.penalty {
             return self.descend_regularized(start, penalty, limit, &mut watch);
@@ -286,7 +286,7 @@ impl Level {
     }
 
     /// Returns the PSNR of the training and of the held-out pictures; NaN once the measurement is cancelled.
-    pub fn psnr(&mut self, voxels: &[f32]) -> (f64, Option<f64>) {
+    pub(crate) fn psnr(&mut self, voxels: &[f32]) -> (f64, Option<f64>) {
         let projector = &mut self.projector;
         let mut of = |views: &[View]| {
             let psnr = unit_psnr_db(mean_square(views, |v, f| projector.measure(voxels, v, f)));
@@ -295,7 +295,7 @@ impl Level {
         (of(&self.train), (!self.held_out.is_empty()).then(|| of(&self.held_out)))
     }
 
-    pub fn field(self, voxels: Vec<f32>) -> (Bricks<f32>, usize) {
+    pub(crate) fn field(self, voxels: Vec<f32>) -> (Bricks<f32>, usize) {
         let mut field = Bricks::zeros(self.topology.clone(), self.lattice);
         self.topology.fill_apron(&voxels, &mut field.values);
         (field, self.unknown.iter().filter(|u| **u).count())

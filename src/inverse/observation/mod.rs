@@ -6,9 +6,9 @@
 
 pub mod depth_map;
 pub mod photo;
-pub mod plane;
-pub mod silhouette;
-pub mod transmittances;
+pub(crate) mod plane;
+pub(crate) mod silhouette;
+pub(crate) mod transmittances;
 
 use crate::error::{Error, Result};
 use depth_map::{DepthMap, Limit};

@@ -6,7 +6,7 @@
 
 /// One number a pixel, row by row.
 #[derive(Debug, Clone, Copy)]
-pub struct Plane<'p> {
+pub(crate) struct Plane<'p> {
     /// Pixels in a row.
     pub width: usize,
     /// Values; those that are not finite say nothing.
@@ -15,12 +15,12 @@ pub struct Plane<'p> {
 
 impl Plane<'_> {
     /// Number of rows.
-    pub fn height(&self) -> usize {
+    pub(crate) fn height(&self) -> usize {
         self.values.len() / self.width.max(1)
     }
 
     /// The values, none larger than the largest beside it: one hot pixel shows nothing.
-    pub fn bounded(&self) -> Vec<f32> {
+    pub(crate) fn bounded(&self) -> Vec<f32> {
         let (width, height) = (self.width, self.height());
         let bounded = |i: usize| {
             let (x, y) = (i % width, i / width);
@@ -34,7 +34,7 @@ impl Plane<'_> {
     }
 
     /// Medians over squares of five pixels: specks of noise are gone, as video coding leaves them.
-    pub fn medians(&self) -> Vec<f32> {
+    pub(crate) fn medians(&self) -> Vec<f32> {
         const REACH: usize = 2;
         let (width, height) = (self.width, self.height());
         let row = |y: usize| {
@@ -87,7 +87,7 @@ impl Plane<'_> {
     }
 
     /// Standard deviation of the noise in the pixels whose values `counts` accepts; `None` where too few do.
-    pub fn deviation(&self, counts: impl Fn(f32) -> bool + Copy) -> Option<f64> {
+    pub(crate) fn deviation(&self, counts: impl Fn(f32) -> bool + Copy) -> Option<f64> {
         let fine = self.response(counts)?;
         let (width, values) = self.halved();
         let coarse = Plane { width, values: &values }.response(counts).unwrap_or(0.0);
@@ -98,7 +98,7 @@ impl Plane<'_> {
 
 /// A summed-area table of a plane, and of how many pixels say something.
 #[derive(Debug)]
-pub struct SummedAreaTable {
+pub(crate) struct SummedAreaTable {
     width: usize,
     height: usize,
     sums: Vec<f64>,
@@ -107,7 +107,7 @@ pub struct SummedAreaTable {
 
 impl SummedAreaTable {
     /// Sums all values that are finite.
-    pub fn new(plane: &Plane<'_>) -> Self {
+    pub(crate) fn new(plane: &Plane<'_>) -> Self {
         let (width, height) = (plane.width, plane.height());
         let entries = (width + 1) * (height + 1);
         let mut table = Self { width, height, sums: vec![0.0; entries], counts: vec![0; entries] };
@@ -129,7 +129,7 @@ impl SummedAreaTable {
 
     /// Returns the mean over the square of `2 reach + 1` pixels around a pixel, and the share of these that lie in the
     /// picture and say something.
-    pub fn mean(&self, pixel: usize, reach: usize) -> (f64, f64) {
+    pub(crate) fn mean(&self, pixel: usize, reach: usize) -> (f64, f64) {
         let (x, y) = (pixel % self.width, pixel / self.width);
         let (x0, y0) = (x.saturating_sub(reach), y.saturating_sub(reach));
         let (x1, y1) = ((x + reach + 1).min(self.width), (y + reach + 1).min(self.height));

@@ -42,7 +42,7 @@ const FEWEST: usize = 32;
 
 /// Statistics of the opacities of empty pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EmptyPixels {
+pub(crate) struct EmptyPixels {
     /// Mean.
     pub mean: f64,
     /// Standard deviation.
@@ -51,7 +51,7 @@ pub struct EmptyPixels {
 
 impl EmptyPixels {
     /// Measures the pixels between two that are no more opaque than nothing; `None` where there are hardly any.
-    pub fn from_opacity(opacity: &Plane<'_>) -> Option<Self> {
+    pub(crate) fn from_opacity(opacity: &Plane<'_>) -> Option<Self> {
         let empty = |v: f32| v <= ROUNDING;
         // Two pixels apart the noise of one says nothing about that of the other, but for a filter's.
         let rows = opacity.values.chunks_exact(opacity.width.max(1));
@@ -72,7 +72,7 @@ impl EmptyPixels {
 
     /// Measures the border of a photograph, which shows what the camera and its coding make of the background; `None`
     /// where too much of the border shows more than that. Values far from the others are clipped until none is left.
-    pub fn from_border(opacity: &Plane<'_>) -> Option<Self> {
+    pub(crate) fn from_border(opacity: &Plane<'_>) -> Option<Self> {
         let (width, height) = (opacity.width, opacity.height());
         let edge = (width.min(height) / BORDER).max(1);
         let outer = |at: usize, end: usize| at < edge || at + edge >= end;
@@ -113,7 +113,7 @@ impl EmptyPixels {
 
 /// Takes the parts of a photograph's silhouette out that have hardly any of its light: clipping and coding of noise
 /// leave specks, which would keep empty space around the medium. Pixels that are not finite stay.
-pub fn without_specks(opacity: &Plane<'_>, shown: &[bool], background: f64) -> Vec<bool> {
+pub(crate) fn without_specks(opacity: &Plane<'_>, shown: &[bool], background: f64) -> Vec<bool> {
     let light = |i: usize| (f64::from(opacity.values[i]) - background).max(0.0);
     let finite = |i: &usize| opacity.values[*i].is_finite();
     let total: f64 = (0..shown.len()).filter(|i| shown[*i]).filter(finite).map(light).sum();
@@ -142,7 +142,7 @@ pub fn without_specks(opacity: &Plane<'_>, shown: &[bool], background: f64) -> V
 /// Returns true for each pixel that shows something, and for each that is not finite, since it says nothing.
 ///
 /// Squares grow from one pixel on, and leave out what smaller ones have found: an edge would else be seen from afar.
-pub fn silhouette(opacity: &Plane<'_>, empty: EmptyPixels) -> Vec<bool> {
+pub(crate) fn silhouette(opacity: &Plane<'_>, empty: EmptyPixels) -> Vec<bool> {
     let mut left = opacity.bounded();
     let most = (opacity.width.min(opacity.height()) / SIDES).max(1);
     for edge in EDGES.into_iter().take_while(|edge| *edge <= most) {
@@ -160,7 +160,7 @@ pub fn silhouette(opacity: &Plane<'_>, empty: EmptyPixels) -> Vec<bool> {
 }
 
 /// Adds a margin of a few pixels to those that are found in a picture.
-pub fn widened(opacity: &Plane<'_>, found: &[bool]) -> Vec<bool> {
+pub(crate) fn widened(opacity: &Plane<'_>, found: &[bool]) -> Vec<bool> {
     let found: Vec<f32> = found.iter().map(|found| f32::from(u8::from(*found))).collect();
     let sums = SummedAreaTable::new(&Plane { values: &found, ..*opacity });
     // The outermost pixels tell whether a picture shows all of the medium: no margin there.

@@ -74,7 +74,7 @@ pub struct Transmittances {
 
 impl Transmittances {
     /// Reads the transmittances off a picture.
-    pub fn new(photo: &Photo, channels: Channels) -> Self {
+    pub(crate) fn new(photo: &Photo, channels: Channels) -> Self {
         let Photo { camera, film, name, photograph } = photo;
         let opaque = film.rgba.iter().all(|p| p[3] == 1.0);
         let reading = match channels.contrast() {

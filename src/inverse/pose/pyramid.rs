@@ -10,13 +10,13 @@ const COARSEST: u32 = 8;
 const MOST_RAYS: usize = 4;
 
 /// Returns how often a picture is halved before the search begins.
-pub fn levels(camera: &Camera) -> usize {
+pub(crate) fn levels(camera: &Camera) -> usize {
     let shorter = camera.width.min(camera.height);
     (1..32).take_while(|level| shorter >> level >= COARSEST).count()
 }
 
 /// A picture and its halves, the smallest last.
-pub fn pyramid(target: &Target) -> Vec<Target> {
+pub(crate) fn pyramid(target: &Target) -> Vec<Target> {
     let mut all = vec![target.clone()];
     for _ in 0..levels(&target.camera) {
         let next = halved(&all[all.len() - 1]);
@@ -27,7 +27,7 @@ pub fn pyramid(target: &Target) -> Vec<Target> {
 
 /// Returns a picture of half the size: means over two by two pixels (an odd row or column is left out), with its
 /// camera.
-pub fn halved(target: &Target) -> Target {
+pub(crate) fn halved(target: &Target) -> Target {
     let camera = shrunk(&target.camera, 1);
     let (w, from) = (camera.width as usize, target.camera.width as usize);
     let mean = |i: usize| {
@@ -41,7 +41,7 @@ pub fn halved(target: &Target) -> Target {
 }
 
 /// The camera of a picture that was halved so many times.
-pub fn shrunk(camera: &Camera, level: usize) -> Camera {
+pub(crate) fn shrunk(camera: &Camera, level: usize) -> Camera {
     let share = 0.5_f64.powi(level as i32);
     Camera {
         focal: share * camera.focal,

@@ -34,7 +34,7 @@ struct Pixel {
 
 /// Pixels of a picture that are finite and show something, neighbours together.
 #[derive(Debug, Clone)]
-pub struct ColorView {
+pub(crate) struct ColorView {
     camera: Camera,
     pixels: Vec<Pixel>,
     /// Number of all pixels of the picture.
@@ -43,7 +43,7 @@ pub struct ColorView {
 
 impl ColorView {
     /// Reduces a picture to means over blocks of `stride`² pixels; `shown` tells which pixels show something.
-    pub fn new(photo: &Photo, stride: usize, shown: &[bool]) -> Self {
+    pub(crate) fn new(photo: &Photo, stride: usize, shown: &[bool]) -> Self {
         let (w, h) = (photo.film.width, photo.film.height);
         let stride = stride_within(stride, w, h);
         let (width, height) = (w.div_ceil(stride), h.div_ceil(stride));
@@ -74,7 +74,7 @@ impl ColorView {
 
 /// The pixels of some views, and what is behind the extinctions that are known.
 #[derive(Debug)]
-pub struct Emission<'a> {
+pub(crate) struct Emission<'a> {
     views: &'a [ColorView],
     background: [f32; 3],
     /// Offsets in pixels of the rays whose mean a pixel is.
@@ -93,7 +93,12 @@ pub struct Emission<'a> {
 impl<'a> Emission<'a> {
     /// The equations of `views` for a volume on the bricks of `extinctions`. A pixel is the mean over
     /// `rays_per_edge`² rays.
-    pub fn new(views: &'a [ColorView], extinctions: &Bricks<f32>, background: [f32; 3], rays_per_edge: usize) -> Self {
+    pub(crate) fn new(
+        views: &'a [ColorView],
+        extinctions: &Bricks<f32>,
+        background: [f32; 3],
+        rays_per_edge: usize,
+    ) -> Self {
         let topology = extinctions.topology.clone();
         let field = Bricks::<Vec4>::zeros(topology.clone(), extinctions.transform);
         let count = partitions(
@@ -117,7 +122,7 @@ impl<'a> Emission<'a> {
     }
 
     /// Mean squared error of the colors over all pixels of the given views.
-    pub fn error(&mut self, x: &[f32], views: &[ColorView]) -> f64 {
+    pub(crate) fn error(&mut self, x: &[f32], views: &[ColorView]) -> f64 {
         let square = |p: &Pixel, rendered: [f64; 3]| {
             let square = (0..3).map(|c| (f64::from(p.color[c]) - rendered[c]).powi(2)).sum();
             ([0.0; 3], [square, 0.0])
@@ -127,7 +132,7 @@ impl<'a> Emission<'a> {
     }
 
     /// The volume with emissions `x`.
-    pub fn volume(mut self, x: &[f32]) -> Bricks<Vec4> {
+    pub(crate) fn volume(mut self, x: &[f32]) -> Bricks<Vec4> {
         self.fill(x);
         self.field
     }

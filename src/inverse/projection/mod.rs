@@ -1,5 +1,5 @@
 //! Pixels as linear equations: of the optical depths in the densities, and of the colors in the emissions.
 
 pub mod depths;
-pub mod emission;
+pub(crate) mod emission;
 pub mod projector;

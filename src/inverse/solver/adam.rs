@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 /// First and second moments of the gradient.
 #[derive(Debug, Clone)]
-pub struct Adam {
+pub(crate) struct Adam {
     /// Learning rate, in the unknowns' units.
     pub rate: f32,
     step: i32,
@@ -18,17 +18,17 @@ const EPSILON: f32 = 1e-8;
 
 impl Adam {
     /// For `count` unknowns with learning rate `rate`, in the unknowns' units.
-    pub fn new(count: usize, rate: f32) -> Self {
+    pub(crate) fn new(count: usize, rate: f32) -> Self {
         Self { rate, step: 0, mean: vec![0.0; count], square: vec![0.0; count] }
     }
 
     /// One step against the gradient where `mask` is 1, projected onto `x ≥ 0`.
-    pub fn step(&mut self, x: &mut [f32], gradient: &[f32], mask: &[f32]) {
+    pub(crate) fn step(&mut self, x: &mut [f32], gradient: &[f32], mask: &[f32]) {
         self.advance(x, gradient, |i, x| mask[i] * x.max(0.0));
     }
 
     /// One step against the gradient, wherever it leads.
-    pub fn step_free(&mut self, x: &mut [f32], gradient: &[f32]) {
+    pub(crate) fn step_free(&mut self, x: &mut [f32], gradient: &[f32]) {
         self.advance(x, gradient, |_, x| x);
     }
 

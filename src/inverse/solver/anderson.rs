@@ -10,7 +10,7 @@ const SINGULAR: f64 = 1e-8;
 
 /// The last iterates of an iteration.
 #[derive(Debug)]
-pub struct Anderson {
+pub(crate) struct Anderson {
     /// Number of differences that are combined, at most.
     memory: usize,
     /// Pairs of `g(x)` and `g(x) - x`, the newest last.
@@ -19,12 +19,12 @@ pub struct Anderson {
 
 impl Anderson {
     /// Begins an iteration that remembers so many differences of iterates.
-    pub fn new(memory: usize) -> Self {
+    pub(crate) fn new(memory: usize) -> Self {
         Self { memory, iterates: VecDeque::new() }
     }
 
     /// Returns what follows on `x`, whose image is `g(x)`.
-    pub fn next(&mut self, x: &DVector<f64>, image: DVector<f64>) -> DVector<f64> {
+    pub(crate) fn next(&mut self, x: &DVector<f64>, image: DVector<f64>) -> DVector<f64> {
         let step = &image - x;
         self.iterates.push_back([image.clone(), step.clone()]);
         if self.iterates.len() > self.memory + 1 {

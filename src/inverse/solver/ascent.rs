@@ -16,7 +16,7 @@ const RISE: f64 = 1e-4;
 
 /// A value and its derivative by a step along the axes right and up.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Evaluation {
+pub(crate) struct Evaluation {
     /// Value of the function that is maximised.
     pub value: f64,
     /// Derivative by a rotation vector's two coordinates, per radian.
@@ -25,7 +25,7 @@ pub struct Evaluation {
 
 /// A local search: its viewpoint and its estimate of the curvature.
 #[derive(Debug, Clone)]
-pub struct Ascent {
+pub(crate) struct Ascent {
     /// Axes of the viewpoint.
     pub axes: DMat3,
     /// Axes of all viewpoints it was at, the first one included.
@@ -40,13 +40,13 @@ pub struct Ascent {
 
 impl Ascent {
     /// A search from a viewpoint.
-    pub fn new(axes: DMat3) -> Self {
+    pub(crate) fn new(axes: DMat3) -> Self {
         Self { axes, path: vec![axes], value: None, evaluations: 0, curvature: None }
     }
 
     /// Sets out anew with a frame of the same viewpoint, turned about the line of sight: what was learnt of the
     /// curvature turns with it, path and count begin again.
-    pub fn restart(&mut self, axes: DMat3) {
+    pub(crate) fn restart(&mut self, axes: DMat3) {
         let old = DMat2::from_cols(
             DVec2::new(self.axes.x_axis.dot(axes.x_axis), self.axes.x_axis.dot(axes.y_axis)),
             DVec2::new(self.axes.y_axis.dot(axes.x_axis), self.axes.y_axis.dot(axes.y_axis)),
@@ -58,7 +58,12 @@ impl Ascent {
     /// Climbs until steps are shorter than `shortest` (radians) or predict a smaller rise than `worth`, for at most
     /// `most` evaluations. `evaluate` gives nothing once the search is to stop. What was learnt of the curvature is
     /// kept for the next climb.
-    pub fn climb(&mut self, [shortest, worth]: [f64; 2], most: u32, evaluate: impl Fn(&DMat3) -> Option<Evaluation>) {
+    pub(crate) fn climb(
+        &mut self,
+        [shortest, worth]: [f64; 2],
+        most: u32,
+        evaluate: impl Fn(&DMat3) -> Option<Evaluation>,
+    ) {
         let end = self.evaluations.saturating_add(most);
         let probe = |axes: &DMat3, count: &mut u32| {
             (*count < end).then(|| *count += 1)?;

@@ -1,8 +1,8 @@
 //! Solvers: conjugate gradients, Adam, and ascent on a sphere.
 
-pub mod adam;
-pub mod anderson;
-pub mod ascent;
+pub(crate) mod adam;
+pub(crate) mod anderson;
+pub(crate) mod ascent;
 pub mod conjugate;
 pub mod smoother;
-pub mod tikhonov;
+pub(crate) mod tikhonov;

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 /// Equations `E`, and the penalty with its weight λ.
 #[derive(Debug)]
-pub struct Tikhonov<'a, E> {
+pub(crate) struct Tikhonov<'a, E> {
     /// The equations themselves.
     pub equations: E,
     /// Weight λ; once it is changed the solver has to begin anew.
@@ -22,7 +22,7 @@ pub struct Tikhonov<'a, E> {
 
 impl<'a, E: Equations> Tikhonov<'a, E> {
     /// Adds the penalty of weight `weight` to `equations`; the unknowns have these neighbours.
-    pub fn new(equations: E, neighbours: &'a Neighbours, weight: f64) -> Self {
+    pub(crate) fn new(equations: E, neighbours: &'a Neighbours, weight: f64) -> Self {
         Self { equations, weight, neighbours, differences: Vec::new() }
     }
 

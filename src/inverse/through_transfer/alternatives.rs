@@ -20,7 +20,7 @@ const LEVEL: f64 = 1e-3;
 
 /// How far from each density another one lies that the function shows alike.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Alternatives {
+pub(crate) struct Alternatives {
     densities: Vec<f64>,
     /// Squared distance, times how much alike they are: 1 the same, `exp(-n² / 2)` where emissions and extinctions
     /// differ by n times the error that they have in a volume of colors.
@@ -33,7 +33,7 @@ pub struct Alternatives {
 
 impl Alternatives {
     /// Looks for them from density 0 to the function's last knot.
-    pub fn new(table: &Table) -> Self {
+    pub(crate) fn new(table: &Table) -> Self {
         let densities = sampled(table, POINTS);
         let (values, unit) = shaded(table, 1.0, &densities);
         let apart =
@@ -60,7 +60,7 @@ impl Alternatives {
     }
 
     /// Returns the squared distance at a density: of the two points around it the larger.
-    pub fn square(&self, density: f32) -> f64 {
+    pub(crate) fn square(&self, density: f32) -> f64 {
         let last = self.densities.len() - 1;
         let after = self.densities.partition_point(|d| *d < f64::from(density)).min(last);
         self.squares[after].max(self.squares[after.saturating_sub(1)])
@@ -70,7 +70,7 @@ impl Alternatives {
     /// with variance v a confidence is p² / (p² + v), and the alternatives add to the variance. Returns the share of
     /// the voxels of a confidence above a half that lose it. Those that are empty are not counted among them, and have
     /// no alternatives but the densities from 0 on that the function does not show either.
-    pub fn lower(&self, field: &Bricks<f32>, confidence: &mut [f32], deviation: f64) -> f64 {
+    pub(crate) fn lower(&self, field: &Bricks<f32>, confidence: &mut [f32], deviation: f64) -> f64 {
         let densities = field.owned();
         let empty = self.empty(&densities, &Neighbours::new(&field.topology));
         let (mut known, mut lost) = (0_usize, 0_usize);

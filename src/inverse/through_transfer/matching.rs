@@ -59,7 +59,7 @@ fn range(table: &Table) -> f64 {
 
 /// Returns the densities from 0 to the function's last knot at which it is looked at: `points` of equal distance, and
 /// the knots.
-pub fn sampled(table: &Table, points: usize) -> Vec<f64> {
+pub(crate) fn sampled(table: &Table, points: usize) -> Vec<f64> {
     let range = range(table);
     let mut density: Vec<f64> = (0..=points).map(|i| range * i as f64 / points as f64).collect();
     density.extend(table.knots().iter().filter(|k| **k > 0.0));
@@ -70,7 +70,7 @@ pub fn sampled(table: &Table, points: usize) -> Vec<f64> {
 
 /// Returns emission (R, G, B) and extinction at each density, and by what they are to be multiplied so that differences
 /// are in units of [`COLOR_ERROR`].
-pub fn shaded(table: &Table, scale: f64, density: &[f64]) -> (Vec<[f64; 4]>, [f64; 4]) {
+pub(crate) fn shaded(table: &Table, scale: f64, density: &[f64]) -> (Vec<[f64; 4]>, [f64; 4]) {
     let of = |d: &f64| {
         let [r, g, b, extinction] = table.at(*d);
         [r, g, b, 1.0].map(|c| scale * extinction * c)
@@ -173,7 +173,7 @@ impl Samples {
 ///
 /// # Errors
 /// If the lattice cannot be made coarser.
-pub fn densities(
+pub(crate) fn densities(
     volume: &Bricks<Vec4>,
     table: &Table,
     scale: f64,

@@ -42,7 +42,7 @@ pub(super) struct Fit<'a> {
 }
 
 impl<'a> Fit<'a> {
-    pub fn new(field: &'a Bricks<f32>, photos: &[Photo], request: &'a Request) -> Result<Self> {
+    pub(crate) fn new(field: &'a Bricks<f32>, photos: &[Photo], request: &'a Request) -> Result<Self> {
         let is_held_out = |i: usize| request.held_out.contains(&i);
         let mut used =
             Rays::draw(photos, |i| !is_held_out(i), Draw { count: request.rays, per_edge: request.rays_per_edge });
@@ -63,16 +63,16 @@ impl<'a> Fit<'a> {
     }
 
     /// Samples the current function at another number of texels.
-    pub fn resample(&mut self, texels: usize) -> Result<()> {
+    pub(crate) fn resample(&mut self, texels: usize) -> Result<()> {
         self.texels = sampled(&self.transfer(), self.request.domain, texels)?;
         Ok(())
     }
 
-    pub fn transfer(&self) -> Transfer {
+    pub(crate) fn transfer(&self) -> Transfer {
         Transfer::Texture { domain: self.request.domain, texels: self.texels.clone() }
     }
 
-    pub fn renderer(&self, texels: &[Rgbs]) -> Result<Composited<Dvr<'a, f32>>> {
+    pub(crate) fn renderer(&self, texels: &[Rgbs]) -> Result<Composited<Dvr<'a, f32>>> {
         let transfer = Transfer::Texture { domain: self.request.domain, texels: texels.to_vec() };
         let source = Source::Transfer(Arc::new(transfer.table()?));
         let medium = Medium::new(self.request.extinction, source);
@@ -81,7 +81,7 @@ impl<'a> Fit<'a> {
 
     /// Extinctions by Gauss and Newton on `T = e^{-H s}`: with nothing that absorbs, the derivative of alpha
     /// is H, and one walk finds it.
-    pub fn extinctions_from_alpha(&mut self, smooth: f64) -> Result<()> {
+    pub(crate) fn extinctions_from_alpha(&mut self, smooth: f64) -> Result<()> {
         let non_absorbing: Vec<Rgbs> = self.texels.iter().map(|[r, g, b, _]| [*r, *g, *b, 0.0]).collect();
         let lengths = rows::lengths(&self.renderer(&non_absorbing)?, &self.used, self.texels.len());
         let extinctions = rows::extinctions(&lengths, &self.used, self.texels.len(), smooth);
@@ -96,7 +96,7 @@ impl<'a> Fit<'a> {
 
     /// Takes one step and returns the root mean square difference before it. A step that makes things
     /// worse is taken back, and the next one is shorter.
-    pub fn refine(&mut self, smooth: f64, unknowns: Unknowns) -> Result<f64> {
+    pub(crate) fn refine(&mut self, smooth: f64, unknowns: Unknowns) -> Result<f64> {
         let scale = self.scale();
         let normal = rows::normal(&self.renderer(&self.texels)?, &self.used, scale, self.texels.len());
         if self.request.cancel.requested() {
@@ -133,7 +133,7 @@ impl<'a> Fit<'a> {
     }
 
     /// Mean squared difference of the colors; `None` without rays.
-    pub fn error(&self, rays: &Rays) -> Result<Option<f64>> {
+    pub(crate) fn error(&self, rays: &Rays) -> Result<Option<f64>> {
         if rays.is_empty() {
             return Ok(None);
         }
@@ -141,7 +141,7 @@ impl<'a> Fit<'a> {
         Ok(Some(square / (3 * rays.len()) as f64))
     }
 
-    pub fn confidence(&self, smooth: f64) -> Result<Vec<[f64; 2]>> {
+    pub(crate) fn confidence(&self, smooth: f64) -> Result<Vec<[f64; 2]>> {
         let scale = self.scale();
         let normal = rows::normal(&self.renderer(&self.texels)?, &self.used, scale, self.texels.len());
         let prior = Prior { weight: smooth * normal.level(), scale };

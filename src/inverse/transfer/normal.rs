@@ -47,7 +47,7 @@ pub(super) struct Sums {
 }
 
 impl Sums {
-    pub fn zeros(count: usize) -> Self {
+    pub(crate) fn zeros(count: usize) -> Self {
         let (block, vector) = (vec![Vec4::ZERO; count * count], || vec![0.0; count]);
         Self {
             count,
@@ -59,7 +59,7 @@ impl Sums {
     }
 
     /// Adds pixels, texel by texel: those of one texel stay in the processor's nearest cache.
-    pub fn add(&mut self, rows: &[Row]) {
+    pub(crate) fn add(&mut self, rows: &[Row]) {
         self.cost += rows.iter().flat_map(|row| row.residual).map(|r| r * r).sum::<f64>();
         let mut next = vec![0; rows.len()];
         for i in 0..self.count {
@@ -95,7 +95,7 @@ pub(super) struct Prior {
 }
 
 impl Prior {
-    pub fn cost(&self, texels: &[Rgbs]) -> f64 {
+    pub(crate) fn cost(&self, texels: &[Rgbs]) -> f64 {
         let of = |pair: &[Rgbs]| -> f64 { (0..4).map(|c| ((pair[1][c] - pair[0][c]) / self.unit(c)).powi(2)).sum() };
         self.weight * texels.windows(2).map(of).sum::<f64>()
     }
@@ -106,7 +106,7 @@ impl Prior {
 }
 
 impl Normal {
-    pub fn zeros(count: usize) -> Self {
+    pub(crate) fn zeros(count: usize) -> Self {
         let block = || vec![0.0; count * count];
         let vector = || vec![0.0; count];
         Self {
@@ -120,7 +120,7 @@ impl Normal {
     }
 
     /// Adds what pixels summed up to.
-    pub fn merge(&mut self, sums: &Sums) {
+    pub(crate) fn merge(&mut self, sums: &Sums) {
         for (k, (mixed, extinctions)) in sums.mixed.iter().zip(&sums.extinctions).enumerate() {
             let [red, green, blue, colors] = mixed.to_array().map(f64::from);
             for (sum, part) in self.sc.iter_mut().zip([red, green, blue]) {
@@ -136,7 +136,7 @@ impl Normal {
     }
 
     /// Mean of the diagonal: what the prior's weight is measured in.
-    pub fn level(&self) -> f64 {
+    pub(crate) fn level(&self) -> f64 {
         let diagonal = |m: &[f64]| (0..self.count).map(|i| m[i * self.count + i]).sum::<f64>();
         (diagonal(&self.ss) + 3.0 * diagonal(&self.cc)) / (4 * self.count) as f64
     }
@@ -170,7 +170,7 @@ impl Normal {
 
     /// Texels after a step that is not allowed to make any value negative; `None` if the equations have no
     /// solution. Extinctions enter divided by the prior's scale, as their derivatives do.
-    pub fn solve(&self, texels: &[Rgbs], prior: &Prior, damping: f64, all: bool) -> Option<Vec<Rgbs>> {
+    pub(crate) fn solve(&self, texels: &[Rgbs], prior: &Prior, damping: f64, all: bool) -> Option<Vec<Rgbs>> {
         let n = self.count;
         let channels: &[usize] = if all { &[3, 0, 1, 2] } else { &[0, 1, 2] };
         let mut x = DVector::zeros(channels.len() * n);
@@ -206,7 +206,7 @@ impl Normal {
     }
 
     /// Share of the data in the curvature at each texel, of extinction and color.
-    pub fn confidence(&self, prior: &Prior) -> Vec<[f64; 2]> {
+    pub(crate) fn confidence(&self, prior: &Prior) -> Vec<[f64; 2]> {
         let n = self.count;
         let share = |m: &[f64], i: usize| {
             let own = m[i * n + i];

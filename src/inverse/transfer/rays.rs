@@ -33,7 +33,7 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 impl Rays {
     /// Draws pixels from the photos that `selects` accepts by number: evenly along a Morton curve of each, beginning at
     /// another place in each. Pixels that are not finite are left out.
-    pub fn draw(photos: &[Photo], selects: impl Fn(usize) -> bool, draw: Draw) -> Self {
+    pub(crate) fn draw(photos: &[Photo], selects: impl Fn(usize) -> bool, draw: Draw) -> Self {
         let chosen: Vec<(usize, &Photo)> = photos.iter().enumerate().filter(|(i, _)| selects(*i)).collect();
         let pixels: usize = chosen.iter().map(|(_, p)| p.film.rgba.len()).sum();
         let stride = (pixels as f64 / draw.count.max(1) as f64).max(1.0);
@@ -60,16 +60,16 @@ impl Rays {
     }
 
     /// Returns the number of pixels.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.targets.len()
     }
 
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.targets.is_empty()
     }
 
     /// Returns the rays of one pixel.
-    pub fn of_pixel(&self, pixel: usize) -> &[Ray] {
+    pub(crate) fn of_pixel(&self, pixel: usize) -> &[Ray] {
         &self.rays[pixel * self.per_pixel..(pixel + 1) * self.per_pixel]
     }
 }

@@ -33,7 +33,7 @@
 //! single pixels, that the means of their samples are nearly normal. Stratified samples have a smaller variance than
 //! their spread tells: the tests then find less, and give no more false alarms.
 
-pub mod probability;
+pub(crate) mod probability;
 mod regions;
 
 use crate::error::{Error, Result};

@@ -11,7 +11,7 @@ const NORMAL: f64 = 1e5;
 
 /// Returns the probability that the magnitude of Student's t with `freedom` degrees of freedom exceeds that of `t`.
 /// An infinite `freedom` stands for the normal distribution; 0 degrees of freedom tell nothing, and give 1.
-pub fn two_sided(t: f64, freedom: f64) -> f64 {
+pub(crate) fn two_sided(t: f64, freedom: f64) -> f64 {
     let t = t.abs();
     if t.is_nan() || freedom <= 0.0 {
         return 1.0;
@@ -27,12 +27,12 @@ pub fn two_sided(t: f64, freedom: f64) -> f64 {
 }
 
 /// Returns the probability that a standard normal number exceeds `z`.
-pub fn upper_normal(z: f64) -> f64 {
+pub(crate) fn upper_normal(z: f64) -> f64 {
     if z.is_nan() { 1.0 } else { 0.5 * erfc(z / SQRT_2) }
 }
 
 /// Returns the number that the magnitude of Student's t stays below with probability `confidence`.
-pub fn quantile(confidence: f64, freedom: f64) -> f64 {
+pub(crate) fn quantile(confidence: f64, freedom: f64) -> f64 {
     let at = 0.5 * (1.0 + confidence);
     if freedom >= NORMAL {
         return Normal::standard().inverse_cdf(at);
@@ -42,7 +42,7 @@ pub fn quantile(confidence: f64, freedom: f64) -> f64 {
 
 /// Returns the probability that the smallest of `count` independent p-values is `p` or less, `1 - (1 - p)^count`, which
 /// bounds it for two-sided tests of normal numbers with any correlation (Šidák 1967).
-pub fn of_smallest(p: f64, count: usize) -> f64 {
+pub(crate) fn of_smallest(p: f64, count: usize) -> f64 {
     // Written so that tiny probabilities keep their digits.
     -f64::exp_m1(count as f64 * f64::ln_1p(-p.clamp(0.0, 1.0)))
 }

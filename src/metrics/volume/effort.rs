@@ -12,13 +12,13 @@ pub struct Effort {
 
 impl Effort {
     /// All voxels.
-    pub const ALL: Self = Self { blocks: usize::MAX };
+    pub(crate) const ALL: Self = Self { blocks: usize::MAX };
 
     /// About so many voxels, one block of 8³ at least.
-    pub fn voxels(count: u64) -> Self {
+    pub(crate) fn voxels(count: u64) -> Self {
         Self { blocks: usize::try_from(count / LEAF_VOXELS as u64).unwrap_or(usize::MAX).max(1) }
     }
 }
 
 /// Receives how many of how many steps of a comparison are done.
-pub type OnStep<'s> = &'s (dyn Fn(u64, u64) + Sync);
+pub(crate) type OnStep<'s> = &'s (dyn Fn(u64, u64) + Sync);

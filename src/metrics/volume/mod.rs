@@ -8,7 +8,7 @@ mod field;
 mod pair;
 mod partial;
 
-pub use effort::{Effort, OnStep};
+pub(crate) use effort::{Effort, OnStep};
 pub use field::Field;
 
 use crate::error::{Error, Result};

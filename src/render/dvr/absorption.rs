@@ -37,13 +37,19 @@ impl<'d, R: Real, Q: DepthRule<R>> OpticalDepth<'d, R, Q> {
 
     /// Returns the optical depth of a whole ray.
     #[inline(always)]
-    pub fn of(dvr: &'d Dvr<'_, R>, ray: &IndexRay, rule: Q, scratch: &mut Vec<Quartet<R>>) -> f64 {
+    pub(crate) fn of(dvr: &'d Dvr<'_, R>, ray: &IndexRay, rule: Q, scratch: &mut Vec<Quartet<R>>) -> f64 {
         Self::up_to(dvr.depth_limit, dvr, ray, rule, scratch)
     }
 
     /// Returns the optical depth of a ray that ends after the batch in which it exceeds `limit`.
     #[inline(always)]
-    pub fn up_to(limit: f64, dvr: &'d Dvr<'_, R>, ray: &IndexRay, rule: Q, scratch: &mut Vec<Quartet<R>>) -> f64 {
+    pub(crate) fn up_to(
+        limit: f64,
+        dvr: &'d Dvr<'_, R>,
+        ray: &IndexRay,
+        rule: Q,
+        scratch: &mut Vec<Quartet<R>>,
+    ) -> f64 {
         let mut sum = Self { limit: limit / dvr.medium.extinction, ..Self::new(dvr, rule) };
         compositing::value(&dvr.field.topology, ray, &mut sum, scratch);
         sum.depth()
@@ -51,7 +57,7 @@ impl<'d, R: Real, Q: DepthRule<R>> OpticalDepth<'d, R, Q> {
 
     /// Returns the optical depth of a whole ray, and appends its cells to the tape.
     #[inline(always)]
-    pub fn traced(dvr: &'d Dvr<'_, R>, ray: &IndexRay, rule: Q, tape: &mut Vec<Quartet<R>>) -> f64 {
+    pub(crate) fn traced(dvr: &'d Dvr<'_, R>, ray: &IndexRay, rule: Q, tape: &mut Vec<Quartet<R>>) -> f64 {
         let mut sum = Self::new(dvr, rule);
         compositing::record(&dvr.field.topology, ray, Adjoint::Tape, &mut sum, tape);
         sum.depth()

@@ -196,19 +196,19 @@ impl<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usi
 {
     /// Returns the piece of the curve in which a segment lies.
     #[inline(always)]
-    pub fn piece(&self, segment: &S) -> &Piece<R, C> {
+    pub(crate) fn piece(&self, segment: &S) -> &Piece<R, C> {
         self.compiled.curve.piece(segment.piece())
     }
 
     /// Returns the loss-weighted source along a segment.
     #[inline(always)]
-    pub fn source(&self, segment: &S, optics: &SegmentOptics<R>) -> SegmentSource {
+    pub(crate) fn source(&self, segment: &S, optics: &SegmentOptics<R>) -> SegmentSource {
         SegmentSource::new(self.piece(segment), optics.mean, &self.weighted.color)
     }
 
     /// Adds the derivatives of one segment; `slope` is that of its loss-weighted source with the density.
     #[inline(always)]
-    pub fn add(&mut self, segment: &S, optics: &SegmentOptics<R>, slope: R, by: SegmentCotangent<R>) {
+    pub(crate) fn add(&mut self, segment: &S, optics: &SegmentOptics<R>, slope: R, by: SegmentCotangent<R>) {
         let piece = self.compiled.curve.piece(segment.piece());
         let pass = &mut *self.pass;
         let extinction = pass.dvr.medium.extinction;
@@ -250,7 +250,7 @@ impl<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usi
     /// Adds the derivatives of moving one end of a segment where the transfer function jumps, given the transmittance
     /// there and the loss-weighted radiance that arrives from behind it.
     #[inline(always)]
-    pub fn add_jump(&mut self, (segment, end): (&S, End), transmittance: f64, incoming: f64) {
+    pub(crate) fn add_jump(&mut self, (segment, end): (&S, End), transmittance: f64, incoming: f64) {
         let pass = &mut *self.pass;
         let Some(jump) = Jump::find(&self.compiled.curve, &pass.dvr.field.values, &pass.ray, segment, end) else {
             return;

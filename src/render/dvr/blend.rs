@@ -37,7 +37,12 @@ pub(super) struct Blend<'b, R: Real, S, Q, const C: usize> {
 
 impl<'b, R: Real, S, Q, const C: usize> Blend<'b, R, S, Q, C> {
     #[inline(always)]
-    pub fn new(dvr: &'b Dvr<'_, R>, compiled: &'b CompiledCurve<R, C>, rule: Q, segments: &'b mut Vec<S>) -> Self {
+    pub(crate) fn new(
+        dvr: &'b Dvr<'_, R>,
+        compiled: &'b CompiledCurve<R, C>,
+        rule: Q,
+        segments: &'b mut Vec<S>,
+    ) -> Self {
         Self {
             values: &dvr.field.values,
             curve: &compiled.curve,
@@ -51,7 +56,7 @@ impl<'b, R: Real, S, Q, const C: usize> Blend<'b, R, S, Q, C> {
     }
 
     #[inline(always)]
-    pub fn radiance(&self, compiled: &CompiledCurve<R, C>) -> Radiance {
+    pub(crate) fn radiance(&self, compiled: &CompiledCurve<R, C>) -> Radiance {
         Radiance { rgb: compiled.tinted(&self.emitted), depth: self.depth }
     }
 }

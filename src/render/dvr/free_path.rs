@@ -20,7 +20,7 @@ use crate::scene::bricks::slot;
 
 /// A ray through a medium, whose way a tape holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Walked {
+pub(crate) struct Walked {
     /// Optical depth of the ray, or of the part of it that was walked.
     pub depth: f64,
     /// World length from the ray's origin to where its way begins.
@@ -34,7 +34,7 @@ impl Walked {
     /// Returns the optical depth of the collision that a number u in [0, 1) stands for among those of the ray; `None`
     /// if the ray has none.
     #[inline]
-    pub fn collision(&self, u: f64) -> Option<f64> {
+    pub(crate) fn collision(&self, u: f64) -> Option<f64> {
         (self.depth > 0.0).then(|| -(u * (-self.depth).exp_m1()).ln_1p())
     }
 }
@@ -90,13 +90,13 @@ impl pulp::NullaryFnOnce for Locate<'_, '_> {
 impl Dvr<'_, f32> {
     /// Walks along a world ray of unit direction with exact quadrature, and keeps its way on the tape. A ray that ends
     /// early ([`Dvr::early_stop`]) has no collisions behind its end.
-    pub fn walk(&self, ray: &Ray, tape: &mut Tape<f32>) -> Walked {
+    pub(crate) fn walk(&self, ray: &Ray, tape: &mut Tape<f32>) -> Walked {
         self.arch.dispatch(Walk { dvr: self, ray, length: f64::INFINITY, limit: self.depth_limit, tape })
     }
 
     /// Returns the point at an optical depth along the ray whose way the tape holds, as the world length from the ray's
     /// origin and the density there; `None` if the ray meets nothing.
-    pub fn locate(&self, walked: &Walked, depth: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
+    pub(crate) fn locate(&self, walked: &Walked, depth: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
         if walked.depth <= 0.0 {
             return None;
         }
@@ -106,7 +106,7 @@ impl Dvr<'_, f32> {
 
     /// Returns the collision at an optical depth along the first `length` of a world ray of unit direction, as the
     /// world length from the ray's origin and the density there; `None` if the ray has less.
-    pub fn collision_at(&self, ray: &Ray, depth: f64, length: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
+    pub(crate) fn collision_at(&self, ray: &Ray, depth: f64, length: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
         let walked = self.arch.dispatch(Walk { dvr: self, ray, length, limit: depth, tape });
         if depth < walked.depth { self.locate(&walked, depth, tape) } else { None }
     }

@@ -62,7 +62,7 @@ impl<R: Precision> Dvr<'_, R> {
     /// Returns the radiance along a world ray of unit direction. Adds to `jacobian` `weight` times the derivatives of
     /// the pixel, composited over the background, with respect to the values at the transfer function's knots;
     /// `jacobian` must have as many knots as the function. Without a transfer function nothing is added.
-    pub fn table_jacobian(
+    pub(crate) fn table_jacobian(
         &self,
         ray: &Ray,
         background: [f32; 3],

@@ -42,7 +42,7 @@ pub(super) struct Jump<R, const C: usize> {
 impl<R: Real, const C: usize> Jump<R, C> {
     /// Returns the jump at one end of a segment; `None` where there is none.
     #[inline(always)]
-    pub fn find<S: SegmentDerivatives<R>>(
+    pub(crate) fn find<S: SegmentDerivatives<R>>(
         curve: &Curve<R, C>,
         values: &[R],
         ray: &IndexRay,
@@ -90,7 +90,7 @@ impl<R: Real, const C: usize> Jump<R, C> {
     /// Returns the derivatives of the loss-weighted light with respect to the density of the step, given the
     /// transmittance there and the loss-weighted radiance `incoming` that arrives from behind it.
     #[inline(always)]
-    pub fn gains(&self, weights: &[f64; C], transmittance: f64, incoming: f64) -> [f64; 2] {
+    pub(crate) fn gains(&self, weights: &[f64; C], transmittance: f64, incoming: f64) -> [f64; 2] {
         [0, 1].map(|k| {
             let emitted: f64 = weights.iter().zip(&self.emitted[k]).map(|(w, emitted)| w * emitted).sum();
             self.longer * (transmittance * emitted - incoming * self.extinction[k])

@@ -23,8 +23,8 @@ mod tangent;
 mod tape;
 
 #[doc(hidden)]
-pub use adjoint::Pass;
-pub use free_path::Walked;
+pub(crate) use adjoint::Pass;
+pub(crate) use free_path::Walked;
 pub(crate) use free_path::density;
 pub use jacobian::{ByKnot, TableJacobian};
 pub use tangent::Directions;

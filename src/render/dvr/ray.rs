@@ -13,7 +13,7 @@ impl<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usi
     /// Adds the derivative with respect to the world length to the exit of the field's box, where the transmittance is
     /// given and the background arrives.
     #[inline(always)]
-    pub fn add_exit(&mut self, transmittance: f64) {
+    pub(crate) fn add_exit(&mut self, transmittance: f64) {
         if self.pass.to.ray.is_some() && Q::BOUNDED {
             let by = self.gain(self.pass.ray.leave, self.weighted.transmittance);
             self.pass.by_ray.leave = transmittance * by;
@@ -23,7 +23,7 @@ impl<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usi
     /// Adds the derivative with respect to the world length to the entry of the field's box, where the given
     /// loss-weighted radiance arrives.
     #[inline(always)]
-    pub fn add_entry(&mut self, incoming: f64) {
+    pub(crate) fn add_entry(&mut self, incoming: f64) {
         if self.pass.to.ray.is_some() && Q::BOUNDED {
             self.pass.by_ray.enter = -self.gain(self.pass.ray.enter, incoming);
         }

@@ -67,7 +67,7 @@ pub(super) struct Sampled<'a, R: Real> {
 impl<R: Real> Sampled<'_, R> {
     /// Returns the radiance along a ray.
     #[inline(always)]
-    pub fn radiance(&self, ray: &IndexRay, rule: Uniform, batch: &mut SampleBatch<R>) -> Radiance {
+    pub(crate) fn radiance(&self, ray: &IndexRay, rule: Uniform, batch: &mut SampleBatch<R>) -> Radiance {
         let mut radiance = Radiance::default();
         batch.count = 0;
         spans(

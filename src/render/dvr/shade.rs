@@ -35,7 +35,7 @@ pub(super) struct SegmentSource {
 impl SegmentSource {
     /// Computes the weighted sum of the channels' sources at mean density `mean`.
     #[inline(always)]
-    pub fn new<R: Real, const C: usize>(piece: &Piece<R, C>, mean: R, weights: &[f64; C]) -> Self {
+    pub(crate) fn new<R: Real, const C: usize>(piece: &Piece<R, C>, mean: R, weights: &[f64; C]) -> Self {
         let offset = (mean - piece.base).f64();
         let mut source = Self { mean: 0.0, slope: 0.0 };
         for (weight, [at_base, slope]) in weights.iter().zip(piece.source) {

@@ -47,7 +47,7 @@ impl<R: Real> Tape<R> {
     }
 
     /// Forgets the rays.
-    pub fn forget(&mut self) {
+    pub(crate) fn forget(&mut self) {
         self.cells.clear();
     }
 }

@@ -30,7 +30,7 @@ impl<'a> Chromatic<'a> {
     ///
     /// # Errors
     /// If a medium cannot be used.
-    pub fn new(volumes: &[(&'a Bricks<f32>, &Medium)]) -> Result<Self> {
+    pub(crate) fn new(volumes: &[(&'a Bricks<f32>, &Medium)]) -> Result<Self> {
         let colored = |(field, medium): &(&'a Bricks<f32>, &Medium)| {
             let color = Vec3::from_array(medium.color).as_dvec3();
             let mut volume = any(field, medium)?;

@@ -34,7 +34,7 @@ impl Lighting {
     ///
     /// # Errors
     /// If a light cannot be used.
-    pub fn new(lights: &[Light], environment: Environment) -> Result<Self> {
+    pub(crate) fn new(lights: &[Light], environment: Environment) -> Result<Self> {
         let lights = lights.iter().enumerate();
         let lights = lights.map(|(i, light)| light.checked().map_err(|e| e.part(format!("light {i}"))));
         let lights: Vec<Light> = lights.collect::<Result<_>>()?;
@@ -52,7 +52,7 @@ impl Lighting {
 
     /// Returns what the camera sees in a direction behind the media.
     #[inline(always)]
-    pub fn behind(&self, direction: DVec3) -> Vec3 {
+    pub(crate) fn behind(&self, direction: DVec3) -> Vec3 {
         self.background.unwrap_or_else(|| self.environment.towards(direction))
     }
 
@@ -60,7 +60,7 @@ impl Lighting {
     /// among all lights. The constant environment is left to rays that meet it: no density suits it better than the
     /// phase function's.
     #[inline(always)]
-    pub fn sample(&self, from: DVec3, [choice, u]: [f64; 2]) -> Option<Arrival> {
+    pub(crate) fn sample(&self, from: DVec3, [choice, u]: [f64; 2]) -> Option<Arrival> {
         let count = self.count();
         let scaled = choice * count;
         let number = scaled as usize;
@@ -78,7 +78,7 @@ impl Lighting {
     /// Returns the radiance of what [`Lighting::sample`] drew, over its density, weighted against the phase function
     /// whose value for the direction is given.
     #[inline(always)]
-    pub fn weighted(&self, arrival: &Arrival, phase: f64) -> Vec3 {
+    pub(crate) fn weighted(&self, arrival: &Arrival, phase: f64) -> Vec3 {
         if arrival.density.is_infinite() {
             return arrival.radiance * phase as f32;
         }
@@ -88,7 +88,7 @@ impl Lighting {
     /// Returns the radiance that a ray meets before `reach`, weighted against drawing it from the lights; the ray's
     /// direction was drawn with the given density. `survival` tells what light from a distance is to be multiplied by.
     #[inline(always)]
-    pub fn met(&self, ray: &Ray, reach: f64, density: f64, mut survival: impl FnMut(f64) -> Vec3) -> Vec3 {
+    pub(crate) fn met(&self, ray: &Ray, reach: f64, density: f64, mut survival: impl FnMut(f64) -> Vec3) -> Vec3 {
         let count = self.count();
         let mut radiance = Vec3::ZERO;
         if reach.is_infinite() {

@@ -31,7 +31,7 @@ pub(super) struct Integrated<'a>(Preshaded<'a, f32>);
 
 impl<'a> Integrated<'a> {
     /// Creates the integrator of an emission.
-    pub fn new(emission: &'a Emitted) -> Self {
+    pub(crate) fn new(emission: &'a Emitted) -> Self {
         Self(Preshaded::new(emission.grid()).early_stop(LEAST_TRANSMITTANCE))
     }
 

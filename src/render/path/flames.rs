@@ -30,7 +30,7 @@ impl<'a> Flames<'a> {
     ///
     /// # Errors
     /// If an emission cannot be rendered.
-    pub fn new(emitted: impl Iterator<Item = &'a Emitted>) -> Result<Self> {
+    pub(crate) fn new(emitted: impl Iterator<Item = &'a Emitted>) -> Result<Self> {
         let flame = |emitted: &'a Emitted| {
             let strength = Dvr::new(emitted.strength(), Medium::absorbing(1.0))?.early_stop(0.0);
             Ok(Flame { emission: emitted.grid(), strength })

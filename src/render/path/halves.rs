@@ -11,7 +11,7 @@ use glam::DVec4;
 const RADIUS: usize = 8;
 
 /// Bytes of memory per pixel that [`variances`] takes: both variances, their sums along rows, and their sums.
-pub const VARIANCE_BYTES: u64 = 5 * size_of::<DVec4>() as u64;
+pub(crate) const VARIANCE_BYTES: u64 = 5 * size_of::<DVec4>() as u64;
 
 /// Paths of a pixel, whole or in two halves.
 #[derive(Debug, Clone, Copy)]
@@ -24,7 +24,7 @@ pub(super) enum Paths {
 
 impl Paths {
     /// Returns the half of a ray, and the seed of its sequence.
-    pub fn of_ray(self, ray: u32, seed: u64) -> (usize, u64) {
+    pub(crate) fn of_ray(self, ray: u32, seed: u64) -> (usize, u64) {
         let half = (ray % 2) as usize;
         let seed = match (self, half) {
             (Self::Halves, 1) => seed ^ 0xD1B5_4A32_D192_ED03,
@@ -34,7 +34,7 @@ impl Paths {
     }
 
     /// Returns the number of a ray in its sequence.
-    pub fn place(self, ray: u32) -> u32 {
+    pub(crate) fn place(self, ray: u32) -> u32 {
         match self {
             Self::Whole => ray,
             Self::Halves => ray / 2,
@@ -52,13 +52,13 @@ pub(super) struct Half {
 
 impl Half {
     /// Adds a ray's mean.
-    pub fn add(&mut self, rgba: [f64; 4]) {
+    pub(crate) fn add(&mut self, rgba: [f64; 4]) {
         self.sum += DVec4::from_array(rgba);
         self.rays += 1;
     }
 
     /// Returns the mean over the rays; 0 without any.
-    pub fn mean(&self) -> DVec4 {
+    pub(crate) fn mean(&self) -> DVec4 {
         self.sum / f64::from(self.rays.max(1))
     }
 }

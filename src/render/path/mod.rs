@@ -22,7 +22,7 @@ mod phase;
 mod picture;
 mod tracking;
 
-pub use halves::VARIANCE_BYTES;
+pub(crate) use halves::VARIANCE_BYTES;
 pub use picture::{PIXEL_BYTES, PathFilm, Sampling, View};
 
 use crate::arch::Arch;

@@ -93,7 +93,7 @@ pub(super) enum Any {
 
 impl Any {
     /// Returns the optics of a medium.
-    pub fn new(medium: &Medium) -> Self {
+    pub(crate) fn new(medium: &Medium) -> Self {
         let extinction = medium.extinction as f32;
         let emitting = |constant, slope| match (constant, slope) {
             (Vec3::ZERO, Vec3::ZERO) => Self::Dark(Dark { extinction }),

@@ -86,13 +86,13 @@ pub(super) struct Shaded {
 
 impl Shaded {
     /// Returns the phase functions of a medium; isotropic ones of a medium that does not scatter.
-    pub fn new(scattering: Option<Scattering>) -> Self {
+    pub(crate) fn new(scattering: Option<Scattering>) -> Self {
         let phase = scattering.map_or(Phase::Isotropic, |scattering| scattering.phase);
         Self { phase, half: scattering.and_then(|scattering| scattering.gradient_shading).unwrap_or(f64::INFINITY) }
     }
 
     /// Returns the phase function if it is the same everywhere.
-    pub fn unshaded(self) -> Option<Phase> {
+    pub(crate) fn unshaded(self) -> Option<Phase> {
         self.half.is_infinite().then_some(self.phase)
     }
 }

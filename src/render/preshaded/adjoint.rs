@@ -35,7 +35,7 @@ impl<R: Real> Preshaded<'_, R> {
     /// Returns the radiance along a world ray of unit direction, and adds the gradient of a loss on it to the
     /// accumulators. There is no transfer function, and rays have no step. Traced rays on the tape stay there.
     #[inline(always)]
-    pub fn gradient(
+    pub(crate) fn gradient(
         &self,
         ray: &Ray,
         loss: Loss<'_, R>,
@@ -73,7 +73,7 @@ impl<R: Real> Preshaded<'_, R> {
     }
 
     /// Computes [`Preshaded::gradient`] with the machine's instruction set.
-    pub fn gradient_on(
+    pub(crate) fn gradient_on(
         &self,
         ray: &Ray,
         loss: Loss<'_, R>,

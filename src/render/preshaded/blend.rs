@@ -49,13 +49,13 @@ pub(super) struct Front<R: Real> {
 impl<R: Real> Front<R> {
     /// Creates the state at the beginning of a batch of bricks, at an optical depth from the eye.
     #[inline(always)]
-    pub fn at(depth: f64) -> Self {
+    pub(crate) fn at(depth: f64) -> Self {
         Self { radiance: R::Lanes::default(), transmittance: R::of((-depth).exp()), depth }
     }
 
     /// Blends a segment, and notes the transmittances to its points in it.
     #[inline(always)]
-    pub fn add(&mut self, segment: &mut Segment<R>) {
+    pub(crate) fn add(&mut self, segment: &mut Segment<R>) {
         let ([first, second], depth) = (segment.depths(), segment.depth());
         let transmittances =
             R::Lanes::splat(self.transmittance) * R::Lanes::load([-first, -second, -depth, R::ZERO]).exp();
@@ -81,13 +81,13 @@ pub(super) struct Blend<'b, R: Real> {
 impl<'b, R: Real> Blend<'b, R> {
     /// Creates the state at the eye.
     #[inline(always)]
-    pub fn new(renderer: &Preshaded<'b, R>) -> Self {
+    pub(crate) fn new(renderer: &Preshaded<'b, R>) -> Self {
         Self { values: &renderer.field.values, depth_limit: renderer.depth_limit, emitted: [0.0; 3], depth: 0.0 }
     }
 
     /// Returns the radiance of all segments blended so far.
     #[inline(always)]
-    pub fn radiance(&self) -> Radiance {
+    pub(crate) fn radiance(&self) -> Radiance {
         Radiance { rgb: self.emitted, depth: self.depth }
     }
 

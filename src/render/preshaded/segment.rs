@@ -67,7 +67,7 @@ fn interpolated<R: Real>(values: &[R::Lanes], offset: usize, weights: &[[R::Lane
 
 impl<R: Real> Segment<R> {
     #[inline(always)]
-    pub fn new(values: &[R::Lanes], cell: &Cell<R>, from: R, length: R) -> Self {
+    pub(crate) fn new(values: &[R::Lanes], cell: &Cell<R>, from: R, length: R) -> Self {
         let (offset, at) = cell.places(POINTS.map(|u| from + R::of(u) * length));
         let w = at.map(weights);
         let own = interpolated::<R>(values, offset, &w);
@@ -78,7 +78,7 @@ impl<R: Real> Segment<R> {
 
     /// Creates one of `count` parts of a cell.
     #[inline(always)]
-    pub fn part(values: &[R::Lanes], cell: &Cell<R>, from: R, length: R, number: i32, count: i32) -> Self {
+    pub(crate) fn part(values: &[R::Lanes], cell: &Cell<R>, from: R, length: R, number: i32, count: i32) -> Self {
         let part = length / R::int(count);
         let faces = [cell.reached(from), cell.reached(from + length)];
         let ends = [number, number + 1].map(|k| f64::from(k) / f64::from(count));
@@ -91,14 +91,14 @@ impl<R: Real> Segment<R> {
     }
 
     #[inline(always)]
-    pub fn depth(&self) -> R {
+    pub(crate) fn depth(&self) -> R {
         let [first, second] = self.extinctions();
         self.half * (first + second)
     }
 
     /// Returns the optical depths from the segment's near end to the points.
     #[inline(always)]
-    pub fn depths(&self) -> [R; 2] {
+    pub(crate) fn depths(&self) -> [R; 2] {
         let length = self.half + self.half;
         let s = self.extinctions();
         UP_TO.map(|w| length * (R::of(w[0]) * s[0] + R::of(w[1]) * s[1]))
@@ -106,13 +106,13 @@ impl<R: Real> Segment<R> {
 
     /// Returns the weights of the emissions at the points: transmittance from the eye times half the world length.
     #[inline(always)]
-    pub fn shares(&self) -> [R; 2] {
+    pub(crate) fn shares(&self) -> [R; 2] {
         self.transmittances.map(|transmittance| transmittance * self.half)
     }
 
     /// Interpolates another field of the same topology at the points.
     #[inline(always)]
-    pub fn interpolated(&self, values: &[R::Lanes]) -> [R::Lanes; 2] {
+    pub(crate) fn interpolated(&self, values: &[R::Lanes]) -> [R::Lanes; 2] {
         interpolated::<R>(values, self.offset, &self.weights)
     }
 
@@ -120,14 +120,14 @@ impl<R: Real> Segment<R> {
     /// end: the inverse of the forward walk (Weiss & Westermann 2021, sect. 4.3). Where the segment is opaque it is
     /// 0/0.
     #[inline(always)]
-    pub fn invert(&mut self, after: R) -> R {
+    pub(crate) fn invert(&mut self, after: R) -> R {
         let before = after / (-self.depth()).exp();
         self.transmittances = self.depths().map(|depth| before * (-depth).exp());
         before
     }
 
     #[inline(always)]
-    pub fn footprint(&self) -> Footprint<R> {
+    pub(crate) fn footprint(&self) -> Footprint<R> {
         let shares = self.shares().map(R::Lanes::splat);
         let corner = |x: usize| shares[0] * self.weights[0][x] + shares[1] * self.weights[1][x];
         Footprint { offset: self.offset, weights: [corner(0), corner(1)] }
@@ -135,21 +135,21 @@ impl<R: Real> Segment<R> {
 
     /// Returns the light per world length at the points, as it arrives at the eye, with colors weighted by `by`.
     #[inline(always)]
-    pub fn emitted(&self, by: R::Lanes) -> [f64; 2] {
+    pub(crate) fn emitted(&self, by: R::Lanes) -> [f64; 2] {
         [0, 1].map(|k| self.transmittances[k].f64() * (by * self.values[k]).sum().f64())
     }
 
     /// Returns the derivative with respect to the extinction at a point, from those with respect to the optical depths
     /// up to both points and up to the end.
     #[inline(always)]
-    pub fn by_extinction(&self, point: usize, by_depths: [f64; 2], by_depth: f64) -> f64 {
+    pub(crate) fn by_extinction(&self, point: usize, by_depths: [f64; 2], by_depth: f64) -> f64 {
         let up_to = UP_TO[0][point] * by_depths[0] + UP_TO[1][point] * by_depths[1];
         self.half.f64() * (by_depth + 2.0 * up_to)
     }
 
     /// Returns the world length from the ray's origin to a point.
     #[inline(always)]
-    pub fn position(&self, point: usize) -> f64 {
+    pub(crate) fn position(&self, point: usize) -> f64 {
         let [enter, leave] = self.faces;
         let [begin, end] = self.ends;
         enter + (leave - enter) * (begin + (end - begin) * POINTS[point])
@@ -157,7 +157,7 @@ impl<R: Real> Segment<R> {
 
     /// Returns the derivatives of the values at a point with respect to its index coordinates.
     #[inline(always)]
-    pub fn slopes(&self, values: &[R::Lanes], point: usize) -> [R::Lanes; 3] {
+    pub(crate) fn slopes(&self, values: &[R::Lanes], point: usize) -> [R::Lanes; 3] {
         let v = &values[self.offset..self.offset + REACH];
         let corners: [[R::Lanes; LANES]; 2] = CORNERS.map(|corners| corners.map(|corner| v[corner]));
         slopes(corners, self.at[point].map(R::Lanes::splat))
@@ -167,7 +167,13 @@ impl<R: Real> Segment<R> {
     /// `emitted` per world length, the derivatives with respect to the optical depths up to the points and up to the
     /// end, and those with respect to the points' world lengths from the origin.
     #[inline(always)]
-    pub fn by_faces(&self, emitted: [f64; 2], by_depths: [f64; 2], by_depth: f64, by_positions: [f64; 2]) -> [f64; 2] {
+    pub(crate) fn by_faces(
+        &self,
+        emitted: [f64; 2],
+        by_depths: [f64; 2],
+        by_depth: f64,
+        by_positions: [f64; 2],
+    ) -> [f64; 2] {
         let s = self.extinctions().map(R::f64);
         let mut by_end = 0.5 * (s[0] + s[1]) * by_depth;
         for k in 0..2 {

@@ -20,7 +20,7 @@ use glam::DVec3;
 impl<R: Real> Preshaded<'_, R> {
     /// Returns the radiance along a world ray of unit direction, with its derivatives along `P` directions of the ray
     /// and the stored values; other seeds have no effect. Traced rays on the tape stay there.
-    pub fn tangent<const P: usize>(
+    pub(crate) fn tangent<const P: usize>(
         &self,
         ray: &Ray,
         seeds: &Seeds<'_, R::Lanes, P>,

@@ -26,7 +26,7 @@ impl<R: Real> Tape<R> {
     }
 
     /// Forgets the rays.
-    pub fn forget(&mut self) {
+    pub(crate) fn forget(&mut self) {
         self.footprints.clear();
     }
 }

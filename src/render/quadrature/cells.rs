@@ -20,7 +20,7 @@ pub(super) fn crossings<R: Real>(spans: &[Span<R>]) -> [Crossings<R>; BATCH] {
 
 /// A cell that a ray crosses.
 #[derive(Debug, Clone, Copy)]
-pub struct Cell<R: Real> {
+pub(crate) struct Cell<R: Real> {
     /// Offset of the cell's lowest corner among the field's values.
     offset: usize,
     /// World length from the ray's origin to the span's entry.
@@ -34,7 +34,7 @@ pub struct Cell<R: Real> {
 /// Visits the cells of at most [`BATCH`] spans of one ray, near to far, four at a time, with the world lengths from the
 /// span's entry at which they are entered and left. Padding cells have no length.
 #[inline(always)]
-pub fn cells<R: Real>(spans: &[Span<R>], mut visit: impl FnMut([Cell<R>; LANES], R::Lanes, R::Lanes)) {
+pub(crate) fn cells<R: Real>(spans: &[Span<R>], mut visit: impl FnMut([Cell<R>; LANES], R::Lanes, R::Lanes)) {
     let all = <R::Lanes as Lanes<R>>::splat;
     for (span, at) in spans.iter().zip(&crossings(spans)) {
         let ([x, y, z], [dx, dy, dz]) = (span.entry, span.direction);
@@ -64,20 +64,20 @@ pub fn cells<R: Real>(spans: &[Span<R>], mut visit: impl FnMut([Cell<R>; LANES],
 impl<R: Real> Cell<R> {
     /// Returns the world length from the ray's origin to a length from the span's entry.
     #[inline(always)]
-    pub fn reached(&self, from: R) -> f64 {
+    pub(crate) fn reached(&self, from: R) -> f64 {
         self.begin + from.f64()
     }
 
     /// Returns the densities at the four points of [`gauss`] on a segment.
     #[inline(always)]
-    pub fn densities(&self, values: &[R], start: R, length: R) -> R::Lanes {
+    pub(crate) fn densities(&self, values: &[R], start: R, length: R) -> R::Lanes {
         Chord::<R>::interpolate(&corners(values, self.offset), self.at(start, length))
     }
 
     /// Returns the offset of the lowest corner, and cell-local coordinates, of the points at two lengths from the
     /// span's entry.
     #[inline(always)]
-    pub fn places(&self, [near, far]: [R; 2]) -> (usize, [[R; 3]; 2]) {
+    pub(crate) fn places(&self, [near, far]: [R; 2]) -> (usize, [[R; 3]; 2]) {
         let t = R::Lanes::load([near, far, R::ZERO, R::ZERO]);
         let [x, y, z] = [0, 1, 2].map(|a| (self.entry[a] + t * self.along[a]).store());
         (self.offset, [[x[0], y[0], z[0]], [x[1], y[1], z[1]]])

@@ -12,7 +12,7 @@ use crate::render::segment::Chord;
 
 /// Optical depth without discretisation error: one averaged node a cell.
 #[derive(Debug, Clone, Copy)]
-pub struct ExactDepth;
+pub(crate) struct ExactDepth;
 
 impl<R: Real> DepthRule<R> for ExactDepth {
     #[inline(always)]
@@ -25,7 +25,12 @@ impl ExactDepth {
     /// Appends the cells of at most [`BATCH`](crate::render::march::BATCH) spans of one ray, and tells after each span
     /// how many quartets there are.
     #[inline(always)]
-    pub fn cells_by_span<R: Real>(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>, mut ended: impl FnMut(usize)) {
+    pub(crate) fn cells_by_span<R: Real>(
+        &self,
+        spans: &[Span<R>],
+        cells: &mut Vec<Quartet<R>>,
+        mut ended: impl FnMut(usize),
+    ) {
         let at = crossings(spans);
         let all = <R::Lanes as Lanes<R>>::splat;
         let (half, third) = (all(R::of(0.5)), all(R::of(0.5 / 3.0_f64.sqrt())));
@@ -61,7 +66,7 @@ impl ExactDepth {
 /// Exact quadrature where the source varies: cells are cut where the density crosses a knot of the curve, and further
 /// until four Gauss points err by less than a tolerance in the light of a piece.
 #[derive(Debug, Clone, Copy)]
-pub struct ExactSource {
+pub(crate) struct ExactSource {
     /// Radiance error allowed per piece, as it arrives at the eye, in units of the curve's source.
     pub tolerance: f64,
     /// True to keep pieces in which nothing is absorbed, for derivatives with respect to the transfer function.

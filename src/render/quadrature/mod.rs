@@ -3,12 +3,12 @@
 //! [`Quadrature`] is the choice that a user makes, [`Rule`]s and [`DepthRule`]s are the kernels behind it.
 //! Pre-integration has a walk of its own, in [`dvr`](crate::render::dvr).
 
-pub mod cells;
+pub(crate) mod cells;
 mod exact;
 mod uniform;
 
-pub use exact::{ExactDepth, ExactSource};
-pub use uniform::Uniform;
+pub(crate) use exact::{ExactDepth, ExactSource};
+pub(crate) use uniform::Uniform;
 
 use crate::error::{Error, Result};
 use crate::real::Real;

@@ -10,7 +10,7 @@ use std::ops::Range;
 
 /// Steps of constant world length from the ray's entry into the field's box.
 #[derive(Debug, Clone, Copy)]
-pub struct Uniform {
+pub(crate) struct Uniform {
     /// World length of a step.
     pub step: f64,
     /// Position of the sample within its step: 0 at the start, 0.5 in the middle.
@@ -29,7 +29,7 @@ impl Uniform {
     /// Creates the steps of a ray: their world length, and the position of the sample within its step, 0 at the start,
     /// 0.5 in the middle.
     #[inline(always)]
-    pub fn new(step: f64, phase: f64, ray: &IndexRay) -> Self {
+    pub(crate) fn new(step: f64, phase: f64, ray: &IndexRay) -> Self {
         let IndexRay { enter, leave, .. } = *ray;
         let last = ((leave - enter) / step).ceil().max(1.0) as u64 - 1;
         Self { step, phase, enter, leave, last, per_length: 1.0 / step }
@@ -37,7 +37,7 @@ impl Uniform {
 
     /// Returns sample position and length of step `k`; the last step is cut at the exit.
     #[inline(always)]
-    pub fn step(&self, k: u64) -> (f64, f64) {
+    pub(crate) fn step(&self, k: u64) -> (f64, f64) {
         let begin = self.enter + k as f64 * self.step;
         let length = self.step.min(self.leave - begin);
         (begin + self.phase * length, length)
@@ -53,7 +53,7 @@ impl Uniform {
     /// Returns the numbers of the steps whose samples lie on a span. Spans are half open: each sample belongs to
     /// exactly one.
     #[inline(always)]
-    pub fn on<R: Real>(&self, span: &Span<R>) -> Range<u64> {
+    pub(crate) fn on<R: Real>(&self, span: &Span<R>) -> Range<u64> {
         self.before(span.start)..self.before(span.end)
     }
 

@@ -3,11 +3,11 @@
 use super::font::{self, Font};
 
 /// An sRGB color.
-pub type Color = [u8; 3];
+pub(crate) type Color = [u8; 3];
 
 /// A raster of pixels, row by row from the top left.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Canvas {
+pub(crate) struct Canvas {
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.
@@ -18,18 +18,18 @@ pub struct Canvas {
 
 impl Canvas {
     /// A canvas of one color.
-    pub fn new(width: usize, height: usize, color: Color) -> Self {
+    pub(crate) fn new(width: usize, height: usize, color: Color) -> Self {
         Self { width, height, rgb: color.repeat(width * height) }
     }
 
     /// A canvas of the given samples, of which missing ones are black.
-    pub fn of(width: usize, height: usize, mut rgb: Vec<u8>) -> Self {
+    pub(crate) fn of(width: usize, height: usize, mut rgb: Vec<u8>) -> Self {
         rgb.resize(3 * width * height, 0);
         Self { width, height, rgb }
     }
 
     /// Color of a pixel; black outside.
-    pub fn pixel(&self, x: usize, y: usize) -> Color {
+    pub(crate) fn pixel(&self, x: usize, y: usize) -> Color {
         let at = 3 * (y * self.width + x);
         match self.rgb.get(at..at + 3) {
             Some([r, g, b]) if x < self.width => [*r, *g, *b],
@@ -38,7 +38,7 @@ impl Canvas {
     }
 
     /// Sets a pixel, if it lies on the canvas.
-    pub fn set(&mut self, x: i64, y: i64, color: Color) {
+    pub(crate) fn set(&mut self, x: i64, y: i64, color: Color) {
         if let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y))
             && x < self.width
             && y < self.height
@@ -48,7 +48,7 @@ impl Canvas {
     }
 
     /// Fills a rectangle, as far as it lies on the canvas.
-    pub fn fill(&mut self, [x, y]: [usize; 2], [width, height]: [usize; 2], color: Color) {
+    pub(crate) fn fill(&mut self, [x, y]: [usize; 2], [width, height]: [usize; 2], color: Color) {
         let columns = x.min(self.width)..(x + width).min(self.width);
         for row in y.min(self.height)..(y + height).min(self.height) {
             let from = 3 * (row * self.width + columns.start);
@@ -57,7 +57,7 @@ impl Canvas {
     }
 
     /// Puts another canvas on this one, as far as it lies on it.
-    pub fn put(&mut self, other: &Self, [x, y]: [usize; 2]) {
+    pub(crate) fn put(&mut self, other: &Self, [x, y]: [usize; 2]) {
         let columns = other.width.min(self.width.saturating_sub(x));
         for row in 0..other.height.min(self.height.saturating_sub(y)) {
             let to = 3 * ((y + row) * self.width + x);
@@ -67,7 +67,7 @@ impl Canvas {
     }
 
     /// Draws a line of `thickness` pixels between two points.
-    pub fn line(&mut self, from: [f64; 2], to: [f64; 2], thickness: i64, color: Color) {
+    pub(crate) fn line(&mut self, from: [f64; 2], to: [f64; 2], thickness: i64, color: Color) {
         let by = [to[0] - from[0], to[1] - from[1]];
         let steps = by[0].abs().max(by[1].abs()).ceil().clamp(1.0, 1e5);
         for i in 0..=steps as usize {
@@ -78,13 +78,13 @@ impl Canvas {
     }
 
     /// Draws a text whose upper left corner lies at a point. What lies beyond the canvas is cut.
-    pub fn text(&mut self, [x, y]: [usize; 2], text: &str, font: Font, color: Color) {
+    pub(crate) fn text(&mut self, [x, y]: [usize; 2], text: &str, font: Font, color: Color) {
         font::draw(text, font, |[column, row]| self.set((x + column) as i64, (y + row) as i64, color));
     }
 
     /// The picture with sides of `width` and `height` pixels, each the mean over the area that it stands for.
     #[must_use]
-    pub fn resampled(&self, width: usize, height: usize) -> Self {
+    pub(crate) fn resampled(&self, width: usize, height: usize) -> Self {
         let spans = |to: usize, from: usize| {
             (0..to).map(move |i| {
                 let start = (i * from / to).min(from.saturating_sub(1));

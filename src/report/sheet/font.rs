@@ -13,7 +13,7 @@ use std::convert::Infallible;
 
 /// A monospaced font.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Font {
+pub(crate) enum Font {
     /// Characters of 8 x 13 pixels.
     Small,
     /// Characters of 10 x 20 pixels.
@@ -22,7 +22,7 @@ pub enum Font {
 
 impl Font {
     /// Width of a character and height of a line in pixels.
-    pub const fn size(self) -> [usize; 2] {
+    pub(crate) const fn size(self) -> [usize; 2] {
         match self {
             Self::Small => [8, 16],
             Self::Large => [10, 24],
@@ -30,12 +30,12 @@ impl Font {
     }
 
     /// Number of characters that fit into a width in pixels; one at least.
-    pub fn fitting(self, width: usize) -> usize {
+    pub(crate) fn fitting(self, width: usize) -> usize {
         (width / self.size()[0]).max(1)
     }
 
     /// Width of a text in pixels.
-    pub fn width(self, text: &str) -> usize {
+    pub(crate) fn width(self, text: &str) -> usize {
         text.chars().count() * self.size()[0]
     }
 

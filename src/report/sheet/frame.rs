@@ -10,7 +10,7 @@ const HEAD: f64 = 4.0;
 
 /// Returns a picture with the names of its axes: `right` below its lower left corner with an arrow to the right, and
 /// `up` beside it with an arrow up.
-pub fn with_axes(picture: &Canvas, right: &str, up: &str) -> Canvas {
+pub(crate) fn with_axes(picture: &Canvas, right: &str, up: &str) -> Canvas {
     let mut canvas = Canvas::new(picture.width + BORDER, picture.height + BORDER, PAPER);
     canvas.put(picture, [BORDER, 0]);
     let (x, y) = (0.5 * BORDER as f64, picture.height as f64 + 0.5 * BORDER as f64);

@@ -5,7 +5,7 @@ use crate::report::number;
 
 /// Counts of values in bins of equal width.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Histogram {
+pub(crate) struct Histogram {
     /// Number of values in each bin.
     pub counts: Vec<u64>,
     /// Lower edge of the first bin, and upper edge of the last.
@@ -19,7 +19,7 @@ const BOTTOM: usize = 24;
 
 impl Histogram {
     /// Edges of all bins, one more than there are bins.
-    pub fn edges(&self) -> Vec<f64> {
+    pub(crate) fn edges(&self) -> Vec<f64> {
         let [low, high] = self.range;
         let count = self.counts.len().max(1);
         (0..=count).map(|i| low + (high - low) * i as f64 / count as f64).collect()
@@ -27,7 +27,7 @@ impl Histogram {
 
     /// Draws the bars over a line with a tick at every edge and numbers at as many as have room. Heights are logarithms
     /// of counts: most voxels of a cloud are all but empty.
-    pub fn draw(&self, width: usize, height: usize) -> Canvas {
+    pub(crate) fn draw(&self, width: usize, height: usize) -> Canvas {
         let mut canvas = Canvas::new(width, height, PAPER);
         let count = self.counts.len().max(1);
         let floor = height.saturating_sub(BOTTOM);

@@ -7,12 +7,12 @@ mod histogram;
 mod plan;
 mod raster;
 
-pub use canvas::{Canvas, Color};
-pub use font::Font;
-pub use frame::with_axes;
-pub use histogram::Histogram;
-pub use plan::{Stand, plan};
-pub use raster::{Range, fitted, grey, signed};
+pub(crate) use canvas::{Canvas, Color};
+pub(crate) use font::Font;
+pub(crate) use frame::with_axes;
+pub(crate) use histogram::Histogram;
+pub(crate) use plan::{Stand, plan};
+pub(crate) use raster::{Range, fitted, grey, signed};
 
 /// Colors of a sheet: paper, text, and text of less weight.
 const PAPER: Color = [250, 250, 248];
@@ -31,7 +31,7 @@ const MOST_SIDE: usize = 16_384;
 
 /// A picture of a sheet, with its words.
 #[derive(Debug, Clone)]
-pub struct Tile {
+pub(crate) struct Tile {
     /// Line above the picture.
     pub title: String,
     /// Picture.
@@ -42,7 +42,7 @@ pub struct Tile {
 
 /// A contact sheet.
 #[derive(Debug, Clone)]
-pub struct Sheet {
+pub(crate) struct Sheet {
     /// Heading in large letters.
     pub title: String,
     /// Lines below the heading.
@@ -57,12 +57,12 @@ pub struct Sheet {
 
 impl Sheet {
     /// Number of pictures side by side that makes a sheet of `count` equal pictures about half as wide again as high.
-    pub fn columns_of(count: usize) -> usize {
+    pub(crate) fn columns_of(count: usize) -> usize {
         ((1.5 * count as f64).sqrt().ceil() as usize).clamp(1, 12)
     }
 
     /// Draws the sheet.
-    pub fn draw(&self) -> Canvas {
+    pub(crate) fn draw(&self) -> Canvas {
         let lead = self.lead.as_ref().map(Block::of);
         let rows: Vec<Vec<Block>> =
             self.tiles.chunks(self.columns.max(1)).map(|row| row.iter().map(Block::of).collect()).collect();

@@ -20,7 +20,7 @@ const ROOM: f64 = 22.0;
 
 /// A camera of a plan.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Stand {
+pub(crate) struct Stand {
     /// Number beside the camera; none for cameras without room for it.
     pub label: Option<String>,
     /// Position in world units.
@@ -34,7 +34,7 @@ pub struct Stand {
 /// Draws cameras from above on a square of `side` pixels, in a world with `up` upwards: x to the right and y up where
 /// that is z, -z up where it is y. `subject` are world points around what the cameras see; there may be none. Returns
 /// the plan, and the world length of its bar.
-pub fn plan(stands: &[Stand], subject: &[DVec3], side: usize, up: Up) -> (Canvas, f64) {
+pub(crate) fn plan(stands: &[Stand], subject: &[DVec3], side: usize, up: Up) -> (Canvas, f64) {
     let turn = up.turn(Up::Z);
     let turned = |stand: &Stand| Stand {
         position: turn * stand.position,

@@ -6,7 +6,7 @@ use crate::scene::film::Film;
 
 /// A range of numbers that greys stand for.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, schemars::JsonSchema)]
-pub struct Range {
+pub(crate) struct Range {
     /// Number that is black.
     pub low: f64,
     /// Number that is white.
@@ -15,7 +15,7 @@ pub struct Range {
 
 impl Range {
     /// Range from the `share`-th to the (1 - `share`)-th quantile of the finite numbers; `None` if there are none.
-    pub fn of(values: impl Iterator<Item = f32>, share: f64) -> Option<Self> {
+    pub(crate) fn of(values: impl Iterator<Item = f32>, share: f64) -> Option<Self> {
         let mut finite: Vec<f32> = values.filter(|v| v.is_finite()).collect();
         finite.sort_by(f32::total_cmp);
         let at = |share: f64| {
@@ -27,7 +27,7 @@ impl Range {
 
     /// Place of a number in the range, from 0 to 1; 0 for NaN, and in a range of one number 1 for that number and
     /// above.
-    pub fn share(self, value: f64) -> f64 {
+    pub(crate) fn share(self, value: f64) -> f64 {
         let width = self.high - self.low;
         match (value - self.low) / width {
             _ if width <= 0.0 => f64::from(u8::from(value >= self.low)),
@@ -40,7 +40,7 @@ impl Range {
 
 /// A film whose longer side has about `side` pixels: means over blocks of a larger one, and repeated pixels of a
 /// smaller one.
-pub fn fitted(film: &Film, side: usize) -> Film {
+pub(crate) fn fitted(film: &Film, side: usize) -> Film {
     let small = picture::reduced(film, side.max(1));
     let factor = side / small.width.max(small.height).max(1);
     if factor < 2 {
@@ -53,7 +53,7 @@ pub fn fitted(film: &Film, side: usize) -> Film {
 
 /// Greys of numbers (the first component of each pixel), from black at the low end of the range to white at the high
 /// one.
-pub fn grey(film: &Film, range: Range) -> Canvas {
+pub(crate) fn grey(film: &Film, range: Range) -> Canvas {
     // `as` saturates and turns NaN into 0.
     let level = |v: f32| (255.0 * range.share(f64::from(v)) + 0.5) as u8;
     Canvas::of(film.width, film.height, film.rgba.iter().flat_map(|p| [level(p[0]); 3]).collect())
@@ -61,7 +61,7 @@ pub fn grey(film: &Film, range: Range) -> Canvas {
 
 /// Colors of vectors: red, green and blue of a pixel rise with its first three components, from black at `-most`
 /// through the middle at 0 to full at `most`.
-pub fn signed(film: &Film, most: f64) -> Canvas {
+pub(crate) fn signed(film: &Film, most: f64) -> Canvas {
     let range = Range { low: -most, high: most };
     let level = |v: f32| (255.0 * range.share(f64::from(v)) + 0.5) as u8;
     Canvas::of(film.width, film.height, film.rgba.iter().flat_map(|p| [p[0], p[1], p[2]].map(level)).collect())

@@ -65,7 +65,7 @@ impl<'s> Side<'s> {
     /// # Errors
     /// If a picture cannot be read, repeated renders differ in size, variances are negative or all infinite, or nothing
     /// tells the noise.
-    pub fn read(&self, limits: Limits) -> Result<Read> {
+    pub(crate) fn read(&self, limits: Limits) -> Result<Read> {
         if self.noiseless {
             let picture = exr::picture_within(self.picture, self.layer, limits)?;
             return Ok(self.done(picture, None, Freedom::All(f64::INFINITY), Source::None, None));

@@ -33,7 +33,7 @@ impl Record {
     ///
     /// # Errors
     /// If the file is none.
-    pub fn read(path: &Path, limits: Limits) -> Result<Self> {
+    pub(crate) fn read(path: &Path, limits: Limits) -> Result<Self> {
         let text = input::bytes(path, MAX_BYTES, "the record of a run").map_err(|e| match e.io_kind() {
             Some(ErrorKind::NotFound) => {
                 e.hint("the folder must be one that a reconstruction has written with ⟨report⟩")
@@ -48,7 +48,7 @@ impl Record {
     }
 
     /// Returns the path of the pictures' transforms.json.
-    pub fn capture(&self) -> &Path {
+    pub(crate) fn capture(&self) -> &Path {
         match self {
             Self::Volume(run) => &run.capture,
             Self::Transfer(run) => &run.capture,
@@ -67,7 +67,7 @@ const MAX_BYTES: u64 = 1 << 26;
 ///
 /// # Errors
 /// If the volume or the pictures cannot be read, or the files cannot be written.
-pub fn write(dir: &Path, run: &Run, limits: Limits, cancel: &Cancel) -> Result<PathBuf> {
+pub(crate) fn write(dir: &Path, run: &Run, limits: Limits, cancel: &Cancel) -> Result<PathBuf> {
     keep(dir, &Record::Volume(Run { capture: absolute(&run.capture), output: absolute(&run.output), ..run.clone() }))?;
     volume::page(run, limits, None, None, cancel)?.0.write(dir)
 }
@@ -77,7 +77,7 @@ pub fn write(dir: &Path, run: &Run, limits: Limits, cancel: &Cancel) -> Result<P
 ///
 /// # Errors
 /// If the function cannot be read, or the files cannot be written.
-pub fn write_transfer(dir: &Path, run: &TransferRun, views: Vec<transfer::View>) -> Result<PathBuf> {
+pub(crate) fn write_transfer(dir: &Path, run: &TransferRun, views: Vec<transfer::View>) -> Result<PathBuf> {
     keep(dir, &Record::Transfer(run.with_paths(absolute)))?;
     transfer::page(run, views, None)?.0.write(dir)
 }

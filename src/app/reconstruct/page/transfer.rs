@@ -27,7 +27,7 @@ use std::sync::Arc;
 ///
 /// # Errors
 /// If the volume cannot be read or has no density above zero.
-pub fn field(volume: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks<f32>> {
+pub(crate) fn field(volume: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks<f32>> {
     let grid = File::open(volume, limits)?.read_fog(grid)?;
     let arrange = || {
         let mut field = Bricks::from_grid(&grid, limits.max_memory)?;
@@ -62,7 +62,7 @@ pub struct View {
 ///
 /// # Errors
 /// If the pictures, the volume or the function cannot be read.
-pub fn views(
+pub(crate) fn views(
     run: &TransferRun,
     numbers: &[usize],
     limits: Limits,
@@ -129,7 +129,7 @@ impl FunctionError {
 ///
 /// # Errors
 /// If the function cannot be read, or a plot cannot be drawn.
-pub fn page(
+pub(crate) fn page(
     run: &TransferRun,
     views: Vec<View>,
     reference: Option<&Transfer>,

@@ -48,7 +48,7 @@ pub struct VolumeError {
 ///
 /// # Errors
 /// If the volume or the pictures cannot be read, or a plot cannot be drawn.
-pub fn page(
+pub(crate) fn page(
     run: &Run,
     limits: Limits,
     reference: Option<&Grid>,

@@ -125,7 +125,7 @@ impl Default for AuthorSettings {
 
 impl AuthorSettings {
     /// Paths that the stage is made from.
-    pub fn inputs(&self) -> Vec<&Path> {
+    pub(crate) fn inputs(&self) -> Vec<&Path> {
         let paths = [&self.input].into_iter().chain(&self.tf).chain(&self.camera).map(PathBuf::as_path);
         paths.chain(self.sky.as_ref().and_then(Sky::file)).collect()
     }

@@ -28,7 +28,7 @@ const CELL: usize = 9;
 impl Graphics {
     /// Returns what the environment says the terminal can do; blocks unless it is sure. `variable` returns the value of
     /// an environment variable.
-    pub fn detected(variable: impl Fn(&str) -> Option<String>) -> Self {
+    pub(crate) fn detected(variable: impl Fn(&str) -> Option<String>) -> Self {
         let get = |name: &str| variable(name).unwrap_or_default();
         let (term, program) = (get("TERM"), get("TERM_PROGRAM"));
         // Multiplexers pass no pictures on.

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 ///
 /// # Errors
 /// If low values are shown bright in some slices and dark in others, so that one of them may be inverted.
-pub fn check(files: &[File], planes: &[Plane], notes: &mut Vec<String>) -> Result<()> {
+pub(crate) fn check(files: &[File], planes: &[Plane], notes: &mut Vec<String>) -> Result<()> {
     if let Some((odd, usual)) = odd(planes, |plane| files[plane.file].inverted) {
         let shown = |plane: Plane| if files[plane.file].inverted { "MONOCHROME1" } else { "MONOCHROME2" };
         return Err(Error::invalid(format!(

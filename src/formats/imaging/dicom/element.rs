@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 
 /// A stream of bytes, of which parts can be skipped.
-pub trait Source: Read {
+pub(crate) trait Source: Read {
     /// Skips bytes. Skipping behind the end is no error; reading there is.
     fn skip(&mut self, count: u64) -> std::io::Result<()>;
 }
@@ -38,7 +38,7 @@ const SEQUENCE_END: u32 = 0xfffe_e0dd;
 
 /// Value of an element.
 #[derive(Debug, Clone)]
-pub enum Value {
+pub(crate) enum Value {
     /// Bytes as they are.
     Bytes(Vec<u8>),
     /// Items of a sequence.
@@ -46,11 +46,11 @@ pub enum Value {
 }
 
 /// Elements by tag: `0xggggeeee` for group `gggg`, element `eeee`.
-pub type Item = BTreeMap<u32, Value>;
+pub(crate) type Item = BTreeMap<u32, Value>;
 
 /// An element before its value.
 #[derive(Debug, Clone, Copy)]
-pub struct Head {
+pub(crate) struct Head {
     /// Tag of the element.
     pub tag: u32,
     /// Type, if stated.
@@ -60,17 +60,17 @@ pub struct Head {
 }
 
 /// Error about a file whose elements contradict each other.
-pub fn damaged(what: impl Into<String>) -> Error {
+pub(crate) fn damaged(what: impl Into<String>) -> Error {
     Error::invalid(what).hint("the file is damaged or incomplete: export the series again")
 }
 
 /// Tag in the standard's notation.
-pub fn shown(tag: u32) -> String {
+pub(crate) fn shown(tag: u32) -> String {
     format!("({:04x},{:04x})", tag >> 16, tag & 0xffff)
 }
 
 /// Reader of elements.
-pub struct Elements {
+pub(crate) struct Elements {
     source: Box<dyn Source>,
     syntax: Syntax,
     /// Bytes read so far.
@@ -81,12 +81,12 @@ pub struct Elements {
 
 impl Elements {
     /// Reads a data set from its first byte on, and keeps at most `budget` bytes of it.
-    pub fn new(source: Box<dyn Source>, syntax: Syntax, budget: u64) -> Self {
+    pub(crate) fn new(source: Box<dyn Source>, syntax: Syntax, budget: u64) -> Self {
         Self { source, syntax, at: 0, budget }
     }
 
     /// Bytes read so far.
-    pub fn position(&self) -> u64 {
+    pub(crate) fn position(&self) -> u64 {
         self.at
     }
 
@@ -116,7 +116,7 @@ impl Elements {
     }
 
     /// Reads tag, type and length of the next element; none at the end of the file.
-    pub fn head(&mut self) -> Result<Option<Head>> {
+    pub(crate) fn head(&mut self) -> Result<Option<Head>> {
         let mut first = [0];
         if self.source.read(&mut first).map_err(|e| self.ended(&e))? == 0 {
             return Ok(None);
@@ -167,7 +167,7 @@ impl Elements {
     }
 
     /// Reads a value as bytes.
-    pub fn value(&mut self, head: Head) -> Result<Vec<u8>> {
+    pub(crate) fn value(&mut self, head: Head) -> Result<Vec<u8>> {
         let length = head.length.filter(|n| *n <= MOST_VALUE).ok_or_else(|| {
             damaged(format!("element {} has a value of {:?} bytes, too many for it", shown(head.tag), head.length))
         })?;
@@ -179,7 +179,7 @@ impl Elements {
     }
 
     /// Reads elements up to one of `stops`, which is returned, or to the end.
-    pub fn data_set(&mut self, wanted: &[u32], stops: &[u32], item: &mut Item) -> Result<Option<Head>> {
+    pub(crate) fn data_set(&mut self, wanted: &[u32], stops: &[u32], item: &mut Item) -> Result<Option<Head>> {
         while let Some(head) = self.head()? {
             if stops.contains(&head.tag) {
                 return Ok(Some(head));

@@ -10,7 +10,7 @@ use glam::DVec3;
 
 /// Place and scale of a frame. What is not stated is none.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Frame {
+pub(crate) struct Frame {
     /// Position of the centre of the first pixel in the patient's system, in millimetres.
     pub position: Option<DVec3>,
     /// Directions in which columns and rows are counted.
@@ -26,7 +26,7 @@ pub struct Frame {
 }
 
 /// An item with the byte order of its numbers.
-pub struct Fields<'a> {
+pub(crate) struct Fields<'a> {
     pub item: &'a Item,
     pub big: bool,
 }
@@ -39,17 +39,17 @@ impl Fields<'_> {
         }
     }
     /// Text without the blanks around it.
-    pub fn text(&self, tag: u32) -> Option<String> {
+    pub(crate) fn text(&self, tag: u32) -> Option<String> {
         let text = String::from_utf8_lossy(self.bytes(tag)?).trim_matches(['\0', ' ']).to_owned();
         (!text.is_empty()).then_some(text)
     }
     /// 16-bit number.
-    pub fn u16(&self, tag: u32) -> Option<u16> {
+    pub(crate) fn u16(&self, tag: u32) -> Option<u16> {
         let pair = *self.bytes(tag)?.first_chunk::<2>()?;
         Some(if self.big { u16::from_be_bytes(pair) } else { u16::from_le_bytes(pair) })
     }
     /// Decimal numbers, which backslashes part; none if one of them is no number.
-    pub fn list(text: &str) -> Option<Vec<f64>> {
+    pub(crate) fn list(text: &str) -> Option<Vec<f64>> {
         text.split('\\').map(|part| part.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect()
     }
     /// As many decimal numbers as the element must have.
@@ -62,23 +62,23 @@ impl Fields<'_> {
         })
     }
     /// One decimal number.
-    pub fn number(&self, tag: u32) -> Result<Option<f64>> {
+    pub(crate) fn number(&self, tag: u32) -> Result<Option<f64>> {
         Ok(self.numbers::<1>(tag)?.map(|[n]| n))
     }
     /// Items of a sequence.
-    pub fn items(&self, tag: u32) -> &[Item] {
+    pub(crate) fn items(&self, tag: u32) -> &[Item] {
         match self.item.get(&tag) {
             Some(Value::Items(items)) => items,
             _ => &[],
         }
     }
     /// Fields of the only item of a sequence.
-    pub fn inner(&self, tag: u32) -> Option<Fields<'_>> {
+    pub(crate) fn inner(&self, tag: u32) -> Option<Fields<'_>> {
         self.items(tag).first().map(|item| Fields { item, big: self.big })
     }
 
     /// Fills what this item states, in itself or in the functional groups it holds.
-    pub fn frame(&self, before: &Frame) -> Result<Frame> {
+    pub(crate) fn frame(&self, before: &Frame) -> Result<Frame> {
         let mut frame = before.clone();
         let in_group = |group: u32| self.inner(group);
         let vector = |[x, y, z]: [f64; 3]| DVec3::new(x, y, z);

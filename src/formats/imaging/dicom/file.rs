@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 /// Numbers of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pixels {
+pub(crate) enum Pixels {
     /// Integers of `stored` bits in `allocated` bits, whose lowest is bit `shift`.
     Integer {
         /// 8, 16 or 32.
@@ -38,7 +38,7 @@ pub enum Pixels {
 
 impl Pixels {
     /// Bytes of a pixel.
-    pub fn bytes(self) -> usize {
+    pub(crate) fn bytes(self) -> usize {
         match self {
             Self::Integer { allocated, .. } => allocated as usize / 8,
             Self::Float => 4,
@@ -46,14 +46,14 @@ impl Pixels {
         }
     }
     /// True for integers.
-    pub fn is_integer(self) -> bool {
+    pub(crate) fn is_integer(self) -> bool {
         matches!(self, Self::Integer { .. })
     }
 }
 
 /// A file of a series.
 #[derive(Debug, Clone)]
-pub struct File {
+pub(crate) struct File {
     /// Path of the file.
     pub path: PathBuf,
     /// UID of the series.
@@ -94,12 +94,12 @@ pub struct File {
 
 impl File {
     /// Place and scale of a frame.
-    pub fn frame(&self, number: usize) -> &Frame {
+    pub(crate) fn frame(&self, number: usize) -> &Frame {
         self.own.get(number).unwrap_or(&self.shared)
     }
 
     /// Bytes of an unpacked frame.
-    pub fn frame_bytes(&self) -> usize {
+    pub(crate) fn frame_bytes(&self) -> usize {
         self.rows * self.columns * self.pixels.bytes()
     }
 
@@ -107,7 +107,7 @@ impl File {
     ///
     /// # Errors
     /// If the file cannot be opened.
-    pub fn source(&self) -> Result<Box<dyn Source>> {
+    pub(crate) fn source(&self) -> Result<Box<dyn Source>> {
         source(&self.path, self.start, self.syntax)
     }
 }
@@ -142,7 +142,7 @@ fn meta(path: &Path) -> Result<(Item, u64)> {
 
 /// Kind of a DICOM file that cannot be read as an image.
 #[derive(Debug, PartialEq, Eq)]
-pub enum Identity {
+pub(crate) enum Identity {
     /// It is one of the series of this UID.
     Series(String),
     /// It is the directory of a medium (DICOMDIR), which is of no series.
@@ -155,7 +155,7 @@ pub enum Identity {
 const DIRECTORY: &str = "1.2.840.10008.1.3.10";
 
 /// Finds out what a file is that cannot be read as an image.
-pub fn identity(path: &Path) -> Identity {
+pub(crate) fn identity(path: &Path) -> Identity {
     let Ok((meta, start)) = meta(path) else { return Identity::Unknown };
     let meta = Fields { item: &meta, big: false };
     if meta.text(MEDIA_CLASS).as_deref() == Some(DIRECTORY) {
@@ -230,7 +230,7 @@ fn stepped(fields: &Fields, shared: &Frame, frames: usize, (first, normal): (DVe
 ///
 /// # Errors
 /// If the file is no DICOM file with pixels, is damaged, or is coded in a way that is not read.
-pub fn read(path: &Path, limits: Limits) -> Result<File> {
+pub(crate) fn read(path: &Path, limits: Limits) -> Result<File> {
     let (meta, start) = meta(path)?;
     let uid = Fields { item: &meta, big: false }.text(TRANSFER_SYNTAX);
     let syntax = syntax::of_uid(&uid.ok_or_else(|| damaged("the file does not state its transfer syntax"))?)?;

@@ -28,12 +28,12 @@ use pixels::Planes;
 use std::path::Path;
 
 /// True if a file begins as DICOM files do: `DICM` behind a preamble of 128 bytes.
-pub fn is_dicom(start: &[u8]) -> bool {
+pub(crate) fn is_dicom(start: &[u8]) -> bool {
     start.get(128..132) == Some(b"DICM")
 }
 
 /// True if a folder holds a DICOM file.
-pub fn is_series(folder: &Path) -> bool {
+pub(crate) fn is_series(folder: &Path) -> bool {
     series::paths(folder).is_ok_and(|paths| paths.iter().any(|path| series::begins_as_dicom(path)))
 }
 
@@ -43,7 +43,7 @@ pub fn is_series(folder: &Path) -> bool {
 /// If no file is DICOM, there are several series and the options choose none, a file of the series cannot be read,
 /// slices are missing, doubled or differ in size, orientation or in whether low values are shown bright, or pixels are
 /// packed in a way that is not read.
-pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
+pub(crate) fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
     let mut notes = Vec::new();
     let series = series::gather(path, options.series.as_deref(), limits, &mut notes)?;
     let stack = placement::stack(&series, options, &mut notes).map_err(|e| e.at(path))?;

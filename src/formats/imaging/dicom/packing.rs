@@ -19,7 +19,7 @@ struct Fragment {
 
 /// Packed frames of a file.
 #[derive(Debug, Clone)]
-pub struct Frames {
+pub(crate) struct Frames {
     /// For each frame, its fragments.
     frames: Vec<Vec<Fragment>>,
 }
@@ -29,7 +29,7 @@ impl Frames {
     ///
     /// # Errors
     /// If the fragments are damaged, or cannot be told apart into frames.
-    pub fn find(file: &File) -> Result<Self> {
+    pub(crate) fn find(file: &File) -> Result<Self> {
         let mut source = file.source()?;
         source.skip(file.pixel_data.0).map_err(Error::system)?;
         let mut at = file.pixel_data.0;
@@ -86,7 +86,7 @@ impl Frames {
     ///
     /// # Errors
     /// If the frame is damaged or has another size than the file says.
-    pub fn unpack(&self, file: &File, frame: usize) -> Result<Vec<u8>> {
+    pub(crate) fn unpack(&self, file: &File, frame: usize) -> Result<Vec<u8>> {
         let parts = self.frames.get(frame).map_or(&[][..], |parts| parts);
         let length = parts.iter().map(|part| u64::from(part.length)).sum::<u64>();
         // What does not become smaller by packing becomes larger by a little.

@@ -10,7 +10,7 @@ use crate::formats::imaging::image::Slices;
 use std::io::Read;
 
 /// The slices of a series.
-pub struct Planes {
+pub(crate) struct Planes {
     files: Vec<File>,
     planes: Vec<Plane>,
     next: usize,
@@ -22,7 +22,7 @@ pub struct Planes {
 
 impl Planes {
     /// Slices in the order of `planes`.
-    pub fn new(files: Vec<File>, planes: Vec<Plane>) -> Self {
+    pub(crate) fn new(files: Vec<File>, planes: Vec<Plane>) -> Self {
         Self { files, planes, next: 0, packed: None, zeros: Vec::new() }
     }
 

@@ -21,7 +21,7 @@ const FINE: f64 = 0.02;
 
 /// A slice: a frame of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Plane {
+pub(crate) struct Plane {
     /// Number of the file.
     pub file: usize,
     /// Number of the frame in the file.
@@ -29,7 +29,7 @@ pub struct Plane {
 }
 
 /// Slices in ascending order, and the map from their indices to the world.
-pub struct Stack {
+pub(crate) struct Stack {
     /// The slices.
     pub planes: Vec<Plane>,
     /// Map from column, row and number of slice to the world.
@@ -47,7 +47,7 @@ struct Located {
 }
 
 /// Name of a slice for people: that of its file, and the number of its frame if there are several.
-pub fn name(files: &[File], plane: Plane) -> String {
+pub(crate) fn name(files: &[File], plane: Plane) -> String {
     let file = &files[plane.file];
     let name = file.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if file.frames > 1 { format!("frame {} of {name}", plane.frame + 1) } else { name }
@@ -58,7 +58,7 @@ pub fn name(files: &[File], plane: Plane) -> String {
 /// # Errors
 /// If slices differ in size or orientation, lie unevenly, are missing or doubled, or do not say how large their pixels
 /// are.
-pub fn stack(series: &Series, options: &Options, notes: &mut Vec<String>) -> Result<Stack> {
+pub(crate) fn stack(series: &Series, options: &Options, notes: &mut Vec<String>) -> Result<Stack> {
     let files = &series.files[..];
     let planes: Vec<Plane> =
         files.iter().enumerate().flat_map(|(file, f)| (0..f.frames).map(move |frame| Plane { file, frame })).collect();

@@ -15,7 +15,7 @@ const MOST_FILES: usize = 100_000;
 ///
 /// # Errors
 /// If the folder cannot be read, or holds too many files.
-pub fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
+pub(crate) fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut paths = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|e| Error::io(folder, e))? {
         let path = entry.map_err(|e| Error::io(folder, e))?.path();
@@ -33,12 +33,12 @@ pub fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
 }
 
 /// True if a file can be read and begins as DICOM files do.
-pub fn begins_as_dicom(path: &Path) -> bool {
+pub(crate) fn begins_as_dicom(path: &Path) -> bool {
     input::start(path, 132).is_ok_and(|start| super::is_dicom(&start))
 }
 
 /// Files of one series.
-pub struct Series {
+pub(crate) struct Series {
     /// Descriptions of the files, in order of their names.
     pub files: Vec<File>,
     /// Number of the file that was named; none where a folder was.
@@ -51,7 +51,7 @@ pub struct Series {
 /// # Errors
 /// If there is no such series, several and none is named, or a file of the folder cannot be read that is one of the
 /// series or may be.
-pub fn gather(path: &Path, wanted: Option<&str>, limits: Limits, notes: &mut Vec<String>) -> Result<Series> {
+pub(crate) fn gather(path: &Path, wanted: Option<&str>, limits: Limits, notes: &mut Vec<String>) -> Result<Series> {
     if path.is_dir() {
         let files = Folder::read(path, limits)?.series(wanted, notes)?;
         return Ok(Series { files, named: None });

@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 
 /// How the pixels of a frame are packed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Packing {
+pub(crate) enum Packing {
     /// As they are.
     Plain,
     /// Runs of bytes, a stream for each byte of a pixel.
@@ -15,7 +15,7 @@ pub enum Packing {
 
 /// Coding of a data set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Syntax {
+pub(crate) struct Syntax {
     /// True if every element states its type.
     pub explicit: bool,
     /// True if numbers have their most significant byte first.
@@ -27,13 +27,13 @@ pub struct Syntax {
 }
 
 /// Coding of the file's meta information.
-pub const META: Syntax = Syntax { explicit: true, big: false, deflated: false, packing: Packing::Plain };
+pub(crate) const META: Syntax = Syntax { explicit: true, big: false, deflated: false, packing: Packing::Plain };
 
 /// Transfer syntax of a UID.
 ///
 /// # Errors
 /// If it is not read; the error names it and what to do.
-pub fn of_uid(uid: &str) -> Result<Syntax> {
+pub(crate) fn of_uid(uid: &str) -> Result<Syntax> {
     let Some(of) = uid.strip_prefix("1.2.840.10008.1.2") else { return Err(unread(uid, "an unknown transfer syntax")) };
     Ok(match of {
         "" => Syntax { explicit: false, ..META },

@@ -37,7 +37,7 @@ fn sample(name: &str) -> Result<Sample> {
 }
 
 /// Where the values lie, and how they are written.
-pub struct Data {
+pub(crate) struct Data {
     /// Files, in order.
     pub files: Vec<PathBuf>,
     from: u64,
@@ -58,7 +58,7 @@ enum Encoding {
 }
 
 impl Data {
-    pub fn of(fields: &Fields, path: &Path, length: u64, rest: &[String]) -> Result<Self> {
+    pub(crate) fn of(fields: &Fields, path: &Path, length: u64, rest: &[String]) -> Result<Self> {
         let encoding = match fields.need("encoding")?.to_ascii_lowercase().as_str() {
             "raw" => Encoding::Raw,
             "gz" | "gzip" => Encoding::Gzip,
@@ -93,7 +93,12 @@ impl Data {
 
     /// Slices of the volume of `count` numbers that begins at number `first` of those of a file, if each of its numbers
     /// follows the one before.
-    pub fn slices(&self, file: &Path, (first, count): (u64, u64), total: Option<u64>) -> Result<Box<dyn Slices>> {
+    pub(crate) fn slices(
+        &self,
+        file: &Path,
+        (first, count): (u64, u64),
+        total: Option<u64>,
+    ) -> Result<Box<dyn Slices>> {
         let [bytes, own] = [first, count].map(|n| n.saturating_mul(self.sample.bytes() as u64));
         let mut from = self.from;
         if self.line_skip > 0 {
@@ -153,7 +158,7 @@ fn data_files(text: &str, path: &Path, rest: &[String]) -> Result<Vec<PathBuf>> 
 }
 
 /// Slices of several files, each opened when it is its turn.
-pub struct Files {
+pub(crate) struct Files {
     data: Data,
     share: u64,
     per_file: usize,
@@ -164,7 +169,7 @@ pub struct Files {
 
 impl Files {
     /// Slices of all files of `data`, each of which has `share` bytes and `per_file` slices.
-    pub fn new(data: &Data, share: u64, per_file: usize) -> Self {
+    pub(crate) fn new(data: &Data, share: u64, per_file: usize) -> Self {
         let data = Data { files: data.files.clone(), ..*data };
         Self { data, share, per_file, left: 0, next: 0, now: None }
     }

@@ -5,13 +5,13 @@ use crate::formats::imaging::text::{self, shown, wrong};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
-pub const AGAIN: &str = "correct the file's header, or write the file again where it was made";
+pub(crate) const AGAIN: &str = "correct the file's header, or write the file again where it was made";
 
 /// Fields by their names in lower case.
-pub struct Fields(BTreeMap<String, String>);
+pub(crate) struct Fields(BTreeMap<String, String>);
 
 impl Fields {
-    pub fn of(lines: &[String]) -> Result<Self> {
+    pub(crate) fn of(lines: &[String]) -> Result<Self> {
         let mut fields = BTreeMap::new();
         for line in lines.iter().skip(1).filter(|l| !l.is_empty() && !l.starts_with('#')) {
             // `key:=value` is the user's own, and says nothing of the format.
@@ -29,17 +29,17 @@ impl Fields {
     }
 
     /// Value of the first of several spellings.
-    pub fn get(&self, names: &[&str]) -> Option<&str> {
+    pub(crate) fn get(&self, names: &[&str]) -> Option<&str> {
         names.iter().find_map(|n| self.0.get(*n)).map(String::as_str)
     }
 
-    pub fn need(&self, name: &str) -> Result<&str> {
+    pub(crate) fn need(&self, name: &str) -> Result<&str> {
         self.get(&[name]).ok_or_else(|| Error::invalid(format!("the header lacks the field '{name}'")).hint(AGAIN))
     }
 }
 
 /// Directions of the axes; none for an axis that is not in space.
-pub fn directions(text: &str) -> Result<Vec<Option<DVec3>>> {
+pub(crate) fn directions(text: &str) -> Result<Vec<Option<DVec3>>> {
     let mut found = Vec::new();
     let mut rest = text.trim();
     while !rest.is_empty() {
@@ -67,7 +67,7 @@ fn unknown(text: &str) -> Option<&str> {
 }
 
 /// Vector in brackets at the beginning of a text, and what follows it. Two numbers are a vector in the plane.
-pub fn bracketed<'t>(field: &str, text: &'t str) -> Result<(DVec3, &'t str)> {
+pub(crate) fn bracketed<'t>(field: &str, text: &'t str) -> Result<(DVec3, &'t str)> {
     let inner = text.trim_start().strip_prefix('(').and_then(|t| t.split_once(')'));
     let (inner, after) = inner.ok_or_else(|| wrong(field, text))?;
     let vector = match text::numbers(field, inner)?[..] {

@@ -8,7 +8,7 @@ use crate::formats::imaging::text::{self, wrong};
 const MOST_AXES: usize = 16;
 
 /// How the axes of the array are understood.
-pub struct Layout {
+pub(crate) struct Layout {
     /// Axes in space, fastest first.
     pub space: Vec<usize>,
     /// Axis of a voxel's components, first or last of all.
@@ -19,7 +19,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    pub fn of(fields: &Fields) -> Result<Self> {
+    pub(crate) fn of(fields: &Fields) -> Result<Self> {
         let sizes = text::counts("sizes", fields.need("sizes")?)?;
         let rank: usize = fields
             .need("dimension")?
@@ -69,17 +69,17 @@ impl Layout {
         Ok(Self { space, components, list, sizes })
     }
 
-    pub fn size(&self) -> [usize; 3] {
+    pub(crate) fn size(&self) -> [usize; 3] {
         std::array::from_fn(|i| self.space.get(i).map_or(1, |a| self.sizes[*a]))
     }
 
     /// Length of an axis, 1 if there is none.
-    pub fn length(&self, axis: Option<usize>) -> usize {
+    pub(crate) fn length(&self, axis: Option<usize>) -> usize {
         axis.map_or(1, |a| self.sizes[a])
     }
 
     /// Steps in the array, in numbers, between the entries of an axis.
-    pub fn step(&self, axis: Option<usize>) -> u64 {
+    pub(crate) fn step(&self, axis: Option<usize>) -> u64 {
         axis.map_or(0, |a| self.sizes[..a].iter().fold(1, |p: u64, n| p.saturating_mul(*n as u64)))
     }
 }

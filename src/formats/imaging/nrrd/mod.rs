@@ -124,7 +124,7 @@ fn by_axis(
 ///
 /// # Errors
 /// If a field is missing or cannot be understood, the values are of a kind that is not read, or a file is too short.
-pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
+pub(crate) fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     let mut listing = false;
     let (mut lines, length) = text::lines(path, |line| {
         listing |= line.to_ascii_lowercase().replace(' ', "").starts_with("datafile:list");

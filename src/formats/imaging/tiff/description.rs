@@ -5,7 +5,7 @@ use quick_xml::events::Event;
 
 /// Order of a stack's pages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Order {
+pub(crate) struct Order {
     /// Number of slices.
     pub slices: usize,
     /// Number of channels.
@@ -18,18 +18,18 @@ pub struct Order {
 
 impl Order {
     /// Slices alone.
-    pub fn plain(slices: usize) -> Self {
+    pub(crate) fn plain(slices: usize) -> Self {
         Self { slices, channels: 1, times: 1, axes: *b"CZT" }
     }
 
     /// This order, if its pages are as many as there are.
-    pub fn filter_for(self, pages: usize) -> Option<Self> {
+    pub(crate) fn filter_for(self, pages: usize) -> Option<Self> {
         let count = self.slices.checked_mul(self.channels).and_then(|n| n.checked_mul(self.times));
         (count == Some(pages)).then_some(self)
     }
 
     /// Number of a page.
-    pub fn page(&self, channel: usize, slice: usize, time: usize) -> usize {
+    pub(crate) fn page(&self, channel: usize, slice: usize, time: usize) -> usize {
         let (mut page, mut step) = (0, 1);
         for axis in self.axes {
             let (at, length) = match axis {
@@ -46,7 +46,7 @@ impl Order {
 
 /// Spacing, unit and order of pages.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Description {
+pub(crate) struct Description {
     /// Distances of neighboring columns and rows, if they are stated.
     pub spacing: Option<[f64; 2]>,
     /// Distance of neighboring slices, if it is stated.
@@ -75,7 +75,7 @@ fn meters(unit: &str) -> Option<f64> {
 
 impl Description {
     /// Reads a description; `resolution` is that of the page, in pixels per unit along x and y.
-    pub fn parse(text: &str, resolution: Option<[f64; 2]>) -> Option<Self> {
+    pub(crate) fn parse(text: &str, resolution: Option<[f64; 2]>) -> Option<Self> {
         if text.starts_with("ImageJ=") {
             return Some(Self::image_j(text, resolution));
         }
@@ -134,7 +134,7 @@ impl Description {
     }
 
     /// Order of a file's pages, of which there are so many.
-    pub fn order(&self, pages: usize) -> Order {
+    pub(crate) fn order(&self, pages: usize) -> Order {
         let [channels, slices, times] = self.counts;
         let (channels, times) = (channels.unwrap_or(1), times.unwrap_or(1));
         let others = channels.saturating_mul(times).max(1);

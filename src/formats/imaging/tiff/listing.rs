@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 const MOST_FILES: usize = 100_000;
 
 /// Says whether a path is a folder with TIFFs, or a pattern that names some.
-pub fn is_stack(path: &Path) -> bool {
+pub(crate) fn is_stack(path: &Path) -> bool {
     if path.is_file() {
         return false;
     }
@@ -32,7 +32,7 @@ fn is_tiff_name(name: &str) -> bool {
 ///
 /// # Errors
 /// If a folder cannot be read, no file is there, or there are more than a hundred thousand.
-pub fn files(path: &Path) -> Result<Vec<PathBuf>> {
+pub(crate) fn files(path: &Path) -> Result<Vec<PathBuf>> {
     if path.is_file() {
         return Ok(vec![path.to_path_buf()]);
     }

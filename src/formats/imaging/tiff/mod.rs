@@ -16,7 +16,7 @@ use crate::formats::limits::Limits;
 use crate::math::Affine;
 use description::{Description, Order};
 use glam::DVec3;
-pub use listing::is_stack;
+pub(crate) use listing::is_stack;
 use page::{Kind, Pages};
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 const MOST_CHANNELS: usize = 64;
 
 /// Says whether a file begins as TIFFs do, those of 64 bits included.
-pub fn is_tiff(start: &[u8]) -> bool {
+pub(crate) fn is_tiff(start: &[u8]) -> bool {
     [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| start.starts_with(*magic))
 }
 
@@ -32,7 +32,7 @@ pub fn is_tiff(start: &[u8]) -> bool {
 ///
 /// # Errors
 /// If a page is damaged, pages differ in size or type, their kind is not read, or their spacing is stated nowhere.
-pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>> {
+pub(crate) fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>> {
     let files = listing::files(path)?;
     let first = &files[0];
     let mut pages = Pages::open(first, limits).map_err(|e| e.at(first))?;

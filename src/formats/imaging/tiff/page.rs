@@ -20,7 +20,7 @@ const LEAST: usize = 1 << 20;
 
 /// Size and type of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Kind {
+pub(crate) struct Kind {
     /// Number of columns.
     pub width: usize,
     /// Number of rows.
@@ -40,7 +40,7 @@ impl fmt::Display for Kind {
 }
 
 /// Pages of a file, one of which is current.
-pub struct Pages {
+pub(crate) struct Pages {
     decoder: Decoder<BufReader<File>>,
 }
 
@@ -64,7 +64,7 @@ fn failed(error: TiffError) -> Error {
 
 impl Pages {
     /// Opens a file at its first page.
-    pub fn open(path: &Path, limits: Limits) -> Result<Self> {
+    pub(crate) fn open(path: &Path, limits: Limits) -> Result<Self> {
         let mut bounds = tiff::decoder::Limits::default();
         let most = usize::try_from(limits.max_memory / 4).unwrap_or(usize::MAX).max(LEAST);
         (bounds.decoding_buffer_size, bounds.intermediate_buffer_size) = (most, most);
@@ -74,7 +74,7 @@ impl Pages {
     }
 
     /// Size and type of the current page.
-    pub fn kind(&mut self) -> Result<Kind> {
+    pub(crate) fn kind(&mut self) -> Result<Kind> {
         let (width, height) = self.decoder.dimensions().map_err(failed)?;
         let color = self.decoder.colortype().map_err(failed)?;
         let (components, bits) = match color {
@@ -94,7 +94,7 @@ impl Pages {
     }
 
     /// Number of pages.
-    pub fn count(&mut self) -> Result<usize> {
+    pub(crate) fn count(&mut self) -> Result<usize> {
         let mut count = 1;
         while self.decoder.more_images() && count <= MOST_PAGES {
             self.decoder.next_image().map_err(failed)?;
@@ -108,17 +108,17 @@ impl Pages {
     }
 
     /// Makes a page the current one.
-    pub fn go_to(&mut self, page: usize) -> Result<()> {
+    pub(crate) fn go_to(&mut self, page: usize) -> Result<()> {
         self.decoder.seek_to_image(page).map_err(failed)
     }
 
     /// Description of the current page, empty if there is none.
-    pub fn description(&mut self) -> String {
+    pub(crate) fn description(&mut self) -> String {
         self.decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default()
     }
 
     /// Resolution of the current page along x and y, in pixels per unit.
-    pub fn resolution(&mut self) -> Option<[f64; 2]> {
+    pub(crate) fn resolution(&mut self) -> Option<[f64; 2]> {
         let mut along = |tag| match self.decoder.find_tag(tag) {
             Ok(Some(Value::Rational(n, d))) => Some(f64::from(n) / f64::from(d)),
             Ok(Some(value)) => value.into_f64().ok(),
@@ -129,7 +129,7 @@ impl Pages {
     }
 
     /// True if displays show low values of the current page bright.
-    pub fn is_inverted(&mut self) -> Result<bool> {
+    pub(crate) fn is_inverted(&mut self) -> Result<bool> {
         let stated = self.decoder.find_tag_unsigned::<u16>(Tag::PhotometricInterpretation).map_err(failed)?;
         Ok(stated == Some(PhotometricInterpretation::WhiteIsZero.to_u16()))
     }
@@ -165,7 +165,7 @@ impl Pages {
     }
 
     /// Reads the values of the current page as they are stored, row by row, the components of a pixel together.
-    pub fn read(&mut self, values: &mut [f64]) -> Result<()> {
+    pub(crate) fn read(&mut self, values: &mut [f64]) -> Result<()> {
         self.check_parts()?;
         // The decoder subtracts such values from the largest one, which is undone for integers; from floats it is 1,
         // which rounds.

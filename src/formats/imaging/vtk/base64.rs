@@ -8,7 +8,7 @@ use std::io::{Error, ErrorKind, Read, Result};
 const CHUNK: usize = 1 << 14;
 
 /// Bytes that a stream of characters stands for.
-pub struct Base64<R> {
+pub(crate) struct Base64<R> {
     text: R,
     /// Characters that were read and not decoded: fewer than 4, or a piece that waits behind padding.
     waiting: Vec<u8>,
@@ -19,7 +19,7 @@ pub struct Base64<R> {
 
 impl<R: Read> Base64<R> {
     /// Decodes up to the first `<`, or to the end of the stream.
-    pub fn new(text: R) -> Self {
+    pub(crate) fn new(text: R) -> Self {
         Self { text, waiting: Vec::new(), decoded: Vec::new(), at: 0, ended: false }
     }
 

@@ -6,7 +6,7 @@ use std::io::{BufReader, Error, ErrorKind, Read, Result};
 
 /// How blocks are packed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Packing {
+pub(crate) enum Packing {
     /// A stream of zlib for each block.
     Zlib,
     /// A block of LZ4 for each block.
@@ -15,7 +15,7 @@ pub enum Packing {
 
 /// Type of the counts: 32 or 64 bits, in the file's order of bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Counts {
+pub(crate) struct Counts {
     /// True for 64 bits.
     pub wide: bool,
     /// Order of the bytes.
@@ -39,7 +39,7 @@ fn wrong(what: String) -> Error {
 }
 
 /// Values behind their count of bytes, which must be `expected`.
-pub fn plain<R: Read + 'static>(mut reader: R, counts: Counts, expected: u64) -> Result<Box<dyn Read>> {
+pub(crate) fn plain<R: Read + 'static>(mut reader: R, counts: Counts, expected: u64) -> Result<Box<dyn Read>> {
     let length = counts.read(&mut reader)?;
     if length != expected {
         return Err(wrong(format!("{length} bytes are stated, {expected} are expected")));
@@ -48,7 +48,7 @@ pub fn plain<R: Read + 'static>(mut reader: R, counts: Counts, expected: u64) ->
 }
 
 /// Values in packed blocks.
-pub struct Blocks<R> {
+pub(crate) struct Blocks<R> {
     reader: R,
     packing: Packing,
     /// Packed sizes of the blocks, the first one last.
@@ -61,7 +61,7 @@ pub struct Blocks<R> {
 
 impl<R: Read> Blocks<R> {
     /// Reads the table of blocks, which must unpack to `expected` bytes; a block has at most `most`.
-    pub fn new(mut reader: R, packing: Packing, counts: Counts, expected: u64, most: u64) -> Result<Self> {
+    pub(crate) fn new(mut reader: R, packing: Packing, counts: Counts, expected: u64, most: u64) -> Result<Self> {
         let [count, size, partial] = [counts.read(&mut reader)?, counts.read(&mut reader)?, counts.read(&mut reader)?];
         let whole = if partial > 0 { count.saturating_sub(1) } else { count };
         let total = whole.checked_mul(size).and_then(|n| n.checked_add(partial));

@@ -331,7 +331,7 @@ impl Document {
 ///
 /// # Errors
 /// If the file is damaged, holds another dataset than structured points, or no array is left.
-pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
+pub(crate) fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     let (document, binary) = Document::read(path)?;
     let slices = |array: &Array<u64>| -> Result<Box<dyn Slices>> {
         let reader = input::values(path, array.place, Packing::Plain, 0)?;

@@ -9,8 +9,8 @@ mod legacy;
 mod tags;
 mod xml;
 
-pub use legacy::open as open_legacy;
-pub use xml::{is_xml, open as open_xml};
+pub(crate) use legacy::open as open_legacy;
+pub(crate) use xml::{is_xml, open as open_xml};
 
 use super::image::{Header, Image, Slices, Values};
 use super::options::Options;

@@ -14,7 +14,7 @@ const LONGEST: u64 = 1 << 16;
 
 /// A tag that begins an element, or ends one.
 #[derive(Debug)]
-pub struct Tag {
+pub(crate) struct Tag {
     element: BytesStart<'static>,
     /// True for `</name>`.
     pub ends: bool,
@@ -24,19 +24,19 @@ pub struct Tag {
 
 impl Tag {
     /// Name of the element.
-    pub fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         self.element.name().as_ref().to_owned()
     }
 
     /// Value of an attribute, none if there is none or it is damaged.
-    pub fn get(&self, key: &str) -> Option<String> {
+    pub(crate) fn get(&self, key: &str) -> Option<String> {
         let found = self.element.try_get_attribute(key).ok()??;
         quick_xml::escape::unescape(&found.value).ok().map(|t| t.into_owned())
     }
 }
 
 /// Reader of tags.
-pub struct Tags {
+pub(crate) struct Tags {
     reader: BufReader<File>,
     at: u64,
 }
@@ -46,7 +46,7 @@ impl Tags {
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn open(path: &Path) -> Result<Self> {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
         Ok(Self { reader: BufReader::with_capacity(1 << 16, input::open(path)?), at: 0 })
     }
 
@@ -54,7 +54,7 @@ impl Tags {
     ///
     /// # Errors
     /// If the file cannot be read, or a tag does not end.
-    pub fn next_tag(&mut self) -> Result<Option<Tag>> {
+    pub(crate) fn next_tag(&mut self) -> Result<Option<Tag>> {
         loop {
             self.at += self.reader.skip_until(b'<').map_err(Error::system)? as u64;
             let mut text = Vec::new();
@@ -95,7 +95,7 @@ impl Tags {
     ///
     /// # Errors
     /// If there is none.
-    pub fn underscore(mut self) -> Result<u64> {
+    pub(crate) fn underscore(mut self) -> Result<u64> {
         let n = self.reader.skip_until(b'_').map_err(Error::system)? as u64;
         if n == 0 {
             return Err(Error::invalid("the appended values are missing").hint(AGAIN));

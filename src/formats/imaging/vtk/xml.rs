@@ -22,7 +22,7 @@ use std::path::Path;
 const AGAIN: &str = "the file is damaged: copy it, or write it, again";
 
 /// Says whether a file begins as VTK's XML does.
-pub fn is_xml(start: &[u8]) -> bool {
+pub(crate) fn is_xml(start: &[u8]) -> bool {
     let text = String::from_utf8_lossy(start);
     text.trim_start_matches('\u{feff}').trim_start().starts_with('<') && text.contains("<VTKFile")
 }
@@ -233,7 +233,7 @@ impl Document {
 ///
 /// # Errors
 /// If the file is damaged, no image of one piece, packed otherwise than by zlib or LZ4, or no array is left.
-pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>> {
+pub(crate) fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>> {
     let document = Document::read(path)?;
     let lattice = document.lattice()?;
     let slices = |array: &Array<Place>| document.slices(array, &lattice, path, limits);

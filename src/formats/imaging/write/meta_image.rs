@@ -61,7 +61,7 @@ fn header(source: &Source, data: &str) -> (String, Vec<String>) {
 }
 
 /// Writes header and values to one file.
-pub fn write(path: &Path, source: &Source) -> Result<Vec<String>> {
+pub(crate) fn write(path: &Path, source: &Source) -> Result<Vec<String>> {
     source.count()?;
     let (text, notes) = header(source, "LOCAL");
     atomic::write(path, |draft| {
@@ -72,7 +72,7 @@ pub fn write(path: &Path, source: &Source) -> Result<Vec<String>> {
 }
 
 /// Writes the header to `path` and the values to a file beside it; both appear, or neither.
-pub fn write_apart(path: &Path, source: &Source) -> Result<Vec<String>> {
+pub(crate) fn write_apart(path: &Path, source: &Source) -> Result<Vec<String>> {
     source.count()?;
     let data = path.with_extension("raw");
     let name = data.file_name().and_then(|n| n.to_str()).filter(|n| n.chars().all(|c| !c.is_control()));

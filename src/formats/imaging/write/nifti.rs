@@ -154,7 +154,7 @@ impl Fields {
 }
 
 /// Writes a file, packed by gzip or not.
-pub fn write(path: &Path, source: &Source, gzip: bool) -> Result<Vec<String>> {
+pub(crate) fn write(path: &Path, source: &Source, gzip: bool) -> Result<Vec<String>> {
     source.count()?;
     let (header, notes) = header(source)?;
     atomic::write(path, |draft: &mut Draft| {

@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// Writes `array[x, y, z]` or `array[z, y, x]`, the last axis fastest; a last axis of three has the components of
 /// vectors.
-pub fn write(path: &Path, source: &Source, axes: Axes) -> Result<Vec<String>> {
+pub(crate) fn write(path: &Path, source: &Source, axes: Axes) -> Result<Vec<String>> {
     source.count()?;
     let [x, y, z] = source.size;
     let mut shape = if axes == Axes::Xyz { vec![x, y, z] } else { vec![z, y, x] };

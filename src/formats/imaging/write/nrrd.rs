@@ -26,7 +26,7 @@ fn type_name(sample: Sample) -> &'static str {
 }
 
 /// Writes a file.
-pub fn write(path: &Path, source: &Source) -> Result<Vec<String>> {
+pub(crate) fn write(path: &Path, source: &Source) -> Result<Vec<String>> {
     source.count()?;
     let map = swap_lps_ras(source.index_to_world.matrix());
     let vector = |v: DVec4| format!("({},{},{})", number(v.x), number(v.y), number(v.z));

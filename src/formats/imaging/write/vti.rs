@@ -30,7 +30,7 @@ fn type_name(sample: Sample) -> &'static str {
 }
 
 /// Writes a file with one array of point data.
-pub fn write(path: &Path, source: &Source, name: &str) -> Result<Vec<String>> {
+pub(crate) fn write(path: &Path, source: &Source, name: &str) -> Result<Vec<String>> {
     let map = source.index_to_world.matrix();
     let linear = DMat3::from_mat4(map);
     let spacing = [linear.x_axis, linear.y_axis, linear.z_axis].map(|c| c.length());

@@ -14,7 +14,7 @@ const MOST_AXES: usize = 16;
 
 /// Chunks of a shard, which lie in one file behind an index.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Shards {
+pub(crate) struct Shards {
     /// Lengths of a shard along each axis.
     pub shape: Vec<u64>,
     /// True if the index lies at the end of the file, false at its start.
@@ -25,7 +25,7 @@ pub struct Shards {
 
 /// An array as its metadata describes it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Array {
+pub(crate) struct Array {
     /// Lengths of the axes.
     pub shape: Vec<u64>,
     /// Lengths of a chunk along each axis.
@@ -63,13 +63,13 @@ fn separator(stated: Option<&Value>, usual: char) -> Result<char> {
 }
 
 /// Numbers of a JSON list.
-pub fn numbers(value: Option<&Value>, what: &str) -> Result<Vec<u64>> {
+pub(crate) fn numbers(value: Option<&Value>, what: &str) -> Result<Vec<u64>> {
     let list = value.and_then(Value::as_array).and_then(|l| l.iter().map(Value::as_u64).collect::<Option<Vec<_>>>());
     list.ok_or_else(|| wrong(format!("'{what}' is no list of numbers from 0 on")))
 }
 
 /// Text of a key.
-pub fn text<'v>(value: &'v Value, key: &str) -> Option<&'v str> {
+pub(crate) fn text<'v>(value: &'v Value, key: &str) -> Option<&'v str> {
     value.get(key).and_then(Value::as_str)
 }
 
@@ -78,7 +78,7 @@ impl Array {
     ///
     /// # Errors
     /// If something is missing or contradicts the specification, or the type or a codec is not read.
-    pub fn parse(document: &Document) -> Result<Self> {
+    pub(crate) fn parse(document: &Document) -> Result<Self> {
         let array = if document.version == 3 { three(&document.metadata) } else { two(&document.metadata) }?;
         let axes = array.shape.len();
         if axes == 0 || axes > MOST_AXES || array.chunk.len() != axes || array.chunk.contains(&0) {
@@ -106,12 +106,12 @@ impl Array {
     }
 
     /// Bytes of an unpacked chunk; none if they overflow.
-    pub fn chunk_bytes(&self) -> Option<u64> {
+    pub(crate) fn chunk_bytes(&self) -> Option<u64> {
         self.chunk.iter().try_fold(self.sample.bytes() as u64, |product, n| product.checked_mul(*n))
     }
 
     /// Path of the file of a chunk, or of its shard, relative to the array's folder.
-    pub fn file(&self, chunk: &[u64]) -> PathBuf {
+    pub(crate) fn file(&self, chunk: &[u64]) -> PathBuf {
         let number = |(axis, n): (usize, &u64)| match &self.shards {
             Some(shards) => (n * self.chunk[axis] / shards.shape[axis]).to_string(),
             None => n.to_string(),

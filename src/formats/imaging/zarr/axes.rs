@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Place of each axis among those of the array; none where the array has no such axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Axes {
+pub(crate) struct Axes {
     /// Axes x, y and z. An array without z is one slice.
     pub space: [Option<usize>; 3],
     time: Option<usize>,
@@ -31,7 +31,7 @@ impl Axes {
     ///
     /// # Errors
     /// If x or y is missing, two axes have one name, or an axis is none of x, y, z, t and c.
-    pub fn of_names(names: &[String]) -> Result<Self> {
+    pub(crate) fn of_names(names: &[String]) -> Result<Self> {
         let mut axes = Self { space: [None; 3], time: None, channel: None };
         for (place, name) in names.iter().enumerate() {
             let slot = match letter(name) {
@@ -59,7 +59,7 @@ impl Axes {
     ///
     /// # Errors
     /// If the names are of no use, or the array has less than two axes or more than five.
-    pub fn of_array(document: &Document, array: &Array, notes: &mut Vec<String>) -> Result<Self> {
+    pub(crate) fn of_array(document: &Document, array: &Array, notes: &mut Vec<String>) -> Result<Self> {
         let list = match document.version {
             3 => document.metadata.get("dimension_names"),
             _ => document.attributes.get("_ARRAY_DIMENSIONS"),
@@ -84,7 +84,7 @@ impl Axes {
     ///
     /// # Errors
     /// If [`Axes::of_names`] fails, or there are not as many as the array has.
-    pub fn of_image(list: Option<&Value>, array: &Array) -> Result<(Self, Vec<String>)> {
+    pub(crate) fn of_image(list: Option<&Value>, array: &Array) -> Result<(Self, Vec<String>)> {
         let names: Vec<String> = match list.and_then(Value::as_array) {
             Some(list) => {
                 let name = |axis: &Value| axis.as_str().or_else(|| text(axis, "name")).unwrap_or_default().to_owned();
@@ -102,7 +102,7 @@ impl Axes {
     ///
     /// # Errors
     /// If one of them is 0 or too large to count.
-    pub fn size(&self, array: &Array) -> Result<[usize; 3]> {
+    pub(crate) fn size(&self, array: &Array) -> Result<[usize; 3]> {
         let length = |axis: Option<usize>| axis.map_or(1, |axis| array.shape[axis]);
         let [x, y, z] = self.space.map(|axis| usize::try_from(length(axis)).ok().filter(|n| *n > 0));
         match (x, y, z) {
@@ -116,7 +116,7 @@ impl Axes {
     ///
     /// # Errors
     /// If one of them is not there.
-    pub fn choose(&self, array: &Array, options: &Options, notes: &mut Vec<String>) -> Result<Vec<u64>> {
+    pub(crate) fn choose(&self, array: &Array, options: &Options, notes: &mut Vec<String>) -> Result<Vec<u64>> {
         let mut point = vec![0; array.shape.len()];
         let length = |axis: usize| usize::try_from(array.shape[axis]).unwrap_or(usize::MAX);
         if let Some(axis) = self.time {

@@ -12,7 +12,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Reads chunks, layer by layer of the third index.
-pub struct Chunks {
+pub(crate) struct Chunks {
     folder: PathBuf,
     array: Array,
     axes: Axes,
@@ -34,7 +34,7 @@ impl Chunks {
     ///
     /// # Errors
     /// If a layer of chunks, and one chunk beside it, packed and unpacked, would not fit into the limits.
-    pub fn new(folder: &Path, array: Array, axes: Axes, point: Vec<u64>, limits: Limits) -> Result<Self> {
+    pub(crate) fn new(folder: &Path, array: Array, axes: Axes, point: Vec<u64>, limits: Limits) -> Result<Self> {
         let size = axes.size(&array)?;
         let deep = axes.space[2].map_or(1, |axis| array.chunk[axis]);
         let depth = usize::try_from(deep).unwrap_or(usize::MAX).min(size[2]);

@@ -7,7 +7,7 @@ use ruzstd::decoding::FrameDecoder;
 
 /// A codec of bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Codec {
+pub(crate) enum Codec {
     /// One member of gzip.
     Gzip,
     /// A stream of zlib.
@@ -27,7 +27,7 @@ impl Codec {
     ///
     /// # Errors
     /// If it is not read.
-    pub fn parse(name: &str) -> Result<Self> {
+    pub(crate) fn parse(name: &str) -> Result<Self> {
         // Zarr 3 names the codecs of the library numcodecs with a prefix.
         Ok(match name.strip_prefix("numcodecs.").unwrap_or(name) {
             "gzip" => Self::Gzip,
@@ -76,7 +76,7 @@ fn damaged(what: impl Into<String>) -> Error {
 }
 
 /// CRC-32C (Castagnoli) of bytes.
-pub fn crc32c(bytes: &[u8]) -> u32 {
+pub(crate) fn crc32c(bytes: &[u8]) -> u32 {
     const TABLE: [u32; 256] = {
         let mut table = [0; 256];
         let mut i = 0;
@@ -99,7 +99,7 @@ pub fn crc32c(bytes: &[u8]) -> u32 {
 ///
 /// # Errors
 /// If it is not there or disagrees.
-pub fn checked(bytes: &[u8]) -> Result<&[u8]> {
+pub(crate) fn checked(bytes: &[u8]) -> Result<&[u8]> {
     match bytes.split_last_chunk::<4>() {
         Some((content, stated)) if crc32c(content) == u32::from_le_bytes(*stated) => Ok(content),
         _ => Err(damaged("the checksum disagrees")),
@@ -110,7 +110,7 @@ pub fn checked(bytes: &[u8]) -> Result<&[u8]> {
 ///
 /// # Errors
 /// If the chunk is damaged or of another length, or two codecs follow each other that both pack.
-pub fn decode(codecs: &[Codec], mut packed: Vec<u8>, bytes: usize) -> Result<Vec<u8>> {
+pub(crate) fn decode(codecs: &[Codec], mut packed: Vec<u8>, bytes: usize) -> Result<Vec<u8>> {
     let mut left = codecs;
     while let [Codec::Crc32c, rest @ ..] = left {
         let content = checked(&packed)?.len();

@@ -7,13 +7,13 @@ use serde_json::Value;
 use std::path::Path;
 
 /// Names of the documents.
-pub const NAMES: [&str; 4] = ["zarr.json", ".zarray", ".zattrs", ".zgroup"];
+pub(crate) const NAMES: [&str; 4] = ["zarr.json", ".zarray", ".zattrs", ".zgroup"];
 /// Largest document in bytes; images with thousands of wells stay below.
 const MOST: u64 = 64 << 20;
 
 /// Metadata and attributes of a group or an array.
 #[derive(Debug, Clone)]
-pub struct Document {
+pub(crate) struct Document {
     /// 2 or 3.
     pub version: u8,
     /// Metadata of the array; null for a group of version 2.
@@ -23,7 +23,7 @@ pub struct Document {
 }
 
 /// Error about metadata that contradicts the specification.
-pub fn wrong(what: impl Into<String>) -> Error {
+pub(crate) fn wrong(what: impl Into<String>) -> Error {
     Error::invalid(what).hint("correct the metadata, or write the array again where it was made")
 }
 
@@ -44,7 +44,7 @@ impl Document {
     ///
     /// # Errors
     /// If one cannot be read or is not valid JSON, or is of another version than 2 and 3.
-    pub fn read(folder: &Path, limits: Limits) -> Result<Self> {
+    pub(crate) fn read(folder: &Path, limits: Limits) -> Result<Self> {
         let three = json(folder, NAMES[0], limits)?;
         if !three.is_null() {
             let attributes = three.get("attributes").cloned().unwrap_or_default();
@@ -66,7 +66,7 @@ impl Document {
     }
 
     /// True for an array, false for a group.
-    pub fn is_array(&self) -> bool {
+    pub(crate) fn is_array(&self) -> bool {
         match self.version {
             3 => self.metadata.get("node_type").and_then(Value::as_str) == Some("array"),
             _ => !self.metadata.is_null(),
@@ -74,7 +74,7 @@ impl Document {
     }
 
     /// The list of multiscale images, which NGFF 0.5 puts under `ome`.
-    pub fn multiscales(&self) -> Option<&Vec<Value>> {
+    pub(crate) fn multiscales(&self) -> Option<&Vec<Value>> {
         let of = self.attributes.get("ome").unwrap_or(&self.attributes);
         of.get("multiscales")?.as_array().filter(|list| !list.is_empty())
     }

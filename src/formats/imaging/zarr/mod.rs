@@ -39,7 +39,7 @@ fn folder(path: &Path) -> Option<PathBuf> {
 }
 
 /// True if a folder holds an image or array of Zarr, or a file is the metadata of one.
-pub fn is_zarr(path: &Path) -> bool {
+pub(crate) fn is_zarr(path: &Path) -> bool {
     folder(path).is_some()
 }
 
@@ -49,7 +49,7 @@ pub fn is_zarr(path: &Path) -> bool {
 /// If the metadata cannot be read or contradicts the specifications, the array has axes beside x, y, z, t and c, it is
 /// packed by a codec that is not read, it does not say how large its voxels are and neither do the options, or a layer
 /// of chunks does not fit into the limits.
-pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
+pub(crate) fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
     let folder = folder(path).ok_or_else(|| {
         Error::invalid("no Zarr image or array: neither zarr.json nor .zarray, .zattrs or .zgroup is there")
             .at(path)

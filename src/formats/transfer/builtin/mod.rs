@@ -14,7 +14,7 @@ use serde::Serialize;
 
 /// Description of a transfer function that is chosen by name.
 #[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
-pub struct Builtin {
+pub(crate) struct Builtin {
     /// Name, as `tf` takes it.
     pub name: &'static str,
     /// Densities at its two ends.
@@ -46,12 +46,12 @@ fn entries() -> impl Iterator<Item = &'static Entry> {
 }
 
 /// Returns the descriptions of all transfer functions by name: color maps, then medical presets.
-pub fn builtins() -> Vec<Builtin> {
+pub(crate) fn builtins() -> Vec<Builtin> {
     entries().map(Entry::described).collect()
 }
 
 /// Returns true if a transfer function of this name is built in.
-pub fn is_builtin(name: &str) -> bool {
+pub(crate) fn is_builtin(name: &str) -> bool {
     entries().any(|entry| entry.name == name)
 }
 

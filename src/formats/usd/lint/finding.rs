@@ -6,7 +6,7 @@ use serde::Serialize;
 /// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Severity {
+pub(crate) enum Severity {
     /// A fault of the stage.
     Problem,
     /// A remark that is worth knowing; the stage is fine.
@@ -15,7 +15,7 @@ pub enum Severity {
 
 /// An opinion of a stronger layer that removes a problem.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Fix {
+pub(crate) enum Fix {
     /// Metadata of the stage: its name and its value as text.
     Metadata(&'static str, String),
     /// A property of a prim.
@@ -27,7 +27,7 @@ pub enum Fix {
 
 /// A finding about a stage.
 #[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
-pub struct Finding {
+pub(crate) struct Finding {
     /// Kind of finding, which stays the same from release to release.
     pub id: &'static str,
     /// Severity.
@@ -46,19 +46,29 @@ pub struct Finding {
 
 impl Finding {
     /// Creates a problem.
-    pub fn problem(id: &'static str, prim: Option<&str>, what: impl Into<String>, remedy: impl Into<String>) -> Self {
+    pub(crate) fn problem(
+        id: &'static str,
+        prim: Option<&str>,
+        what: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
         let (what, remedy) = (what.into(), remedy.into());
         Self { id, severity: Severity::Problem, prim: prim.map(str::to_owned), what, remedy, fix: None }
     }
 
     /// Creates a note.
-    pub fn note(id: &'static str, prim: Option<&str>, what: impl Into<String>, remedy: impl Into<String>) -> Self {
+    pub(crate) fn note(
+        id: &'static str,
+        prim: Option<&str>,
+        what: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
         Self { severity: Severity::Note, ..Self::problem(id, prim, what, remedy) }
     }
 
     /// Adds a remedy that is safe.
     #[must_use]
-    pub fn fixed_by(self, fix: Option<Fix>) -> Self {
+    pub(crate) fn fixed_by(self, fix: Option<Fix>) -> Self {
         Self { fix, ..self }
     }
 }

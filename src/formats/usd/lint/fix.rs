@@ -14,7 +14,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// If a path cannot be written relative to the layer.
-pub fn layer(stage: &Stage, findings: &[Finding], place: &Path) -> Result<String> {
+pub(crate) fn layer(stage: &Stage, findings: &[Finding], place: &Path) -> Result<String> {
     let mut metadata = stated(stage);
     let mut root = PrimText::default();
     for fix in findings.iter().filter_map(|finding| finding.fix.as_ref()) {

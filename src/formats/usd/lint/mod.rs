@@ -3,8 +3,8 @@
 mod cache;
 mod extent;
 mod field;
-pub mod finding;
-pub mod fix;
+pub(crate) mod finding;
+pub(crate) mod fix;
 mod metadata;
 mod paths;
 mod volume;
@@ -17,7 +17,7 @@ use finding::Finding;
 /// Finds the faults of a stage, those of the stage itself first, then those of its volumes and fields in their order.
 ///
 /// Files of fields are read one after another; each must fit into `limits`.
-pub fn findings(stage: &Stage, limits: Limits) -> Vec<Finding> {
+pub(crate) fn findings(stage: &Stage, limits: Limits) -> Vec<Finding> {
     let mut findings: Vec<Finding> = stage
         .faults
         .iter()

@@ -11,7 +11,7 @@ const LENS: f64 = 0.05;
 
 /// A camera, or the same camera at several time codes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct CameraPrim {
+pub(crate) struct CameraPrim {
     /// Name of the prim.
     pub name: String,
     /// Cameras by time code; one without a time code stands for all times.
@@ -20,7 +20,7 @@ pub struct CameraPrim {
 
 /// Units in which a stage measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scale {
+pub(crate) struct Scale {
     /// Meters to a unit of the stage.
     pub meters_per_unit: f64,
     /// Distance in units beyond which nothing is seen.
@@ -57,7 +57,7 @@ impl Optics {
 }
 
 /// Returns the prim of a camera.
-pub fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
+pub(crate) fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
     let mut prim = PrimText::new("Camera", camera.name.clone());
     let optics: Vec<Optics> = camera.samples.iter().map(|(_, camera)| Optics::of(camera, scale)).collect();
     let varying = |declaration: &'static str, name: &str, values: Vec<Literal>| {

@@ -15,7 +15,7 @@ const POINT_RADIUS: f64 = 0.01;
 ///
 /// # Errors
 /// If a rectangle's edges are not at right angles, which UsdLux has no light for.
-pub fn prim(light: &LightEntry, name: String, texture: Option<String>) -> Result<PrimText> {
+pub(crate) fn prim(light: &LightEntry, name: String, texture: Option<String>) -> Result<PrimText> {
     Ok(match *light {
         LightEntry::DistantLight { direction, irradiance, angle } => {
             let mut prim = emitting("DistantLight", name, irradiance);
@@ -85,7 +85,7 @@ fn turned_towards(direction: DVec3) -> DMat4 {
 }
 
 /// Places a prim by a map that acts on column vectors.
-pub fn placed(mut prim: PrimText, map: DMat4) -> PrimText {
+pub(crate) fn placed(mut prim: PrimText, map: DMat4) -> PrimText {
     prim.set("matrix4d", "xformOp:transform", matrix(map));
     let order = Literal::Array(vec![Literal::text("xformOp:transform")]);
     prim.properties.push(Property::new("uniform token[]", "xformOpOrder", order));
@@ -93,7 +93,7 @@ pub fn placed(mut prim: PrimText, map: DMat4) -> PrimText {
 }
 
 /// Returns a map as USD has it: rows, for row vectors.
-pub fn matrix(map: DMat4) -> Literal {
+pub(crate) fn matrix(map: DMat4) -> Literal {
     // The columns of the map for column vectors are the rows of that for row vectors. -0 is no other place than 0.
     Literal::Tuple(map.to_cols_array_2d().map(|column| Literal::doubles(column.map(|v| v + 0.0))).to_vec())
 }

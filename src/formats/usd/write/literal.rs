@@ -4,7 +4,7 @@ use std::fmt::{self, Write};
 
 /// A value of an attribute or of metadata.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Literal {
+pub(crate) enum Literal {
     /// `bool`.
     Bool(bool),
     /// `int`.
@@ -27,17 +27,17 @@ pub enum Literal {
 
 impl Literal {
     /// Creates a tuple of doubles.
-    pub fn doubles<const N: usize>(values: [f64; N]) -> Self {
+    pub(crate) fn doubles<const N: usize>(values: [f64; N]) -> Self {
         Self::Tuple(values.map(Self::Number).to_vec())
     }
 
     /// Creates a tuple of floats.
-    pub fn floats<const N: usize>(values: [f32; N]) -> Self {
+    pub(crate) fn floats<const N: usize>(values: [f32; N]) -> Self {
         Self::Tuple(values.map(Self::Single).to_vec())
     }
 
     /// Creates a token or a string.
-    pub fn text(text: impl Into<String>) -> Self {
+    pub(crate) fn text(text: impl Into<String>) -> Self {
         Self::Text(text.into())
     }
 }
@@ -68,7 +68,7 @@ impl fmt::Display for Literal {
 }
 
 /// Returns text in quotes, as `.usda` files have it: quotes, backslashes and control characters are escaped.
-pub fn quoted(text: &str) -> String {
+pub(crate) fn quoted(text: &str) -> String {
     let mut out = String::with_capacity(text.len() + 2);
     out.push('"');
     for c in text.chars() {

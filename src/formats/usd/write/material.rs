@@ -9,7 +9,7 @@ use super::text::{Literal, PrimText, Property, Variant, VariantSet};
 use crate::formats::scene_file::MediumEntry;
 
 /// Name of the variant set.
-pub const SET: &str = "renderer";
+pub(crate) const SET: &str = "renderer";
 
 /// Renderer whose material a volume is bound to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -31,7 +31,7 @@ impl Renderer {
     const ALL: [Self; 4] = [Self::None, Self::Arnold, Self::Cycles, Self::MaterialX];
 
     /// Returns the name of the variant.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::None => "none",
             Self::Arnold => "arnold",
@@ -41,7 +41,7 @@ impl Renderer {
     }
 
     /// Returns what the renderer's material cannot say of a medium, in words.
-    pub fn omits(self, medium: &MediumEntry) -> Vec<&'static str> {
+    pub(crate) fn omits(self, medium: &MediumEntry) -> Vec<&'static str> {
         let all = [
             (medium.transfer.is_some() && self != Self::None, "the transfer function"),
             (medium.extinction_color != [1.0; 3] && self == Self::Cycles, "the color of the extinction"),
@@ -68,7 +68,7 @@ impl Renderer {
 }
 
 /// Returns the variants of a volume at the path `volume`, with one renderer selected.
-pub fn variants(selected: Renderer, medium: &MediumEntry, volume: &str) -> VariantSet {
+pub(crate) fn variants(selected: Renderer, medium: &MediumEntry, volume: &str) -> VariantSet {
     let path = format!("{volume}/material");
     let variant = |renderer: Renderer| {
         let material = renderer.material(medium, &path);

@@ -7,7 +7,7 @@ use crate::formats::scene_file::{BlackbodyEntry, EmissionGridEntry, MediumEntry}
 use crate::scene::capture::Model;
 
 /// Returns the light model that a medium asks for.
-pub fn model(medium: &MediumEntry) -> Model {
+pub(crate) fn model(medium: &MediumEntry) -> Model {
     if medium.albedo != [0.0; 3] {
         Model::Scattering
     } else if medium.transfer.is_some() || medium.emission.is_some_and(|color| color != [0.0; 3]) {
@@ -18,7 +18,7 @@ pub fn model(medium: &MediumEntry) -> Model {
 }
 
 /// Returns the attributes of a medium; `transfer` is the path of its transfer function from the stage's folder.
-pub fn attributes(medium: &MediumEntry, transfer: Option<String>) -> Vec<Property> {
+pub(crate) fn attributes(medium: &MediumEntry, transfer: Option<String>) -> Vec<Property> {
     let name = match model(medium) {
         Model::Scattering => "scattering",
         Model::EmissionAbsorption => "emission-absorption",

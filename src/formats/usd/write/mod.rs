@@ -1,12 +1,12 @@
 //! Stages as text: volumes with their fields, media and materials, lights and cameras.
 
-pub mod camera;
-pub mod light;
+pub(crate) mod camera;
+pub(crate) mod light;
 mod literal;
-pub mod material;
-pub mod medium;
-pub mod names;
-pub mod places;
-pub mod stage;
-pub mod text;
-pub mod volume;
+pub(crate) mod material;
+pub(crate) mod medium;
+pub(crate) mod names;
+pub(crate) mod places;
+pub(crate) mod stage;
+pub(crate) mod text;
+pub(crate) mod volume;

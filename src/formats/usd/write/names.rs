@@ -4,11 +4,11 @@ use std::collections::BTreeSet;
 
 /// Names that are taken beneath one prim.
 #[derive(Debug, Clone, Default)]
-pub struct Names(BTreeSet<String>);
+pub(crate) struct Names(BTreeSet<String>);
 
 impl Names {
     /// Returns an identifier like `wanted` that nothing else beneath the prim has, and takes it.
-    pub fn take(&mut self, wanted: &str) -> String {
+    pub(crate) fn take(&mut self, wanted: &str) -> String {
         let base = identifier(wanted);
         let mut name = base.clone();
         let mut number = 1_u32;
@@ -21,7 +21,7 @@ impl Names {
 }
 
 /// Returns an identifier of ASCII letters, digits and underscores that does not start with a digit.
-pub fn identifier(text: &str) -> String {
+pub(crate) fn identifier(text: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
     let name: String = text.chars().map(plain).collect();
     if name.starts_with(|c: char| c.is_ascii_digit()) || name.is_empty() { format!("_{name}") } else { name }

@@ -7,7 +7,7 @@ use std::path::{Component, Path, PathBuf};
 ///
 /// # Errors
 /// If a folder does not exist, or the path is not Unicode, which USD's paths have to be.
-pub fn relative(file: &Path, stage: &Path) -> Result<String> {
+pub(crate) fn relative(file: &Path, stage: &Path) -> Result<String> {
     let folder = |path: &Path| {
         let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         parent.canonicalize().map_err(|e| Error::io(parent, e))

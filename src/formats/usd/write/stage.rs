@@ -13,11 +13,11 @@ use crate::math::Aabb;
 use std::collections::BTreeMap;
 
 /// Name of the root prim, which is the stage's default.
-pub const ROOT: &str = "World";
+pub(crate) const ROOT: &str = "World";
 
 /// A stage to be written.
 #[derive(Debug, Clone)]
-pub struct StageText {
+pub(crate) struct StageText {
     /// Axis that points upwards.
     pub up_axis: UpAxis,
     /// Meters to a unit.
@@ -43,7 +43,7 @@ impl StageText {
     ///
     /// # Errors
     /// If a volume or a light has no form in USD.
-    pub fn text(&self) -> Result<String> {
+    pub(crate) fn text(&self) -> Result<String> {
         let mut root = PrimText::new("Xform", ROOT);
         let path = format!("/{ROOT}");
         for volume in &self.volumes {

@@ -3,12 +3,12 @@
 //! The syntax is that of "Usda File Format" in the OpenUSD documentation, restricted to what stages here need: prims
 //! with metadata, variant sets, attributes with defaults and time samples, relationships and connections.
 
-pub use super::literal::{Literal, quoted};
+pub(crate) use super::literal::{Literal, quoted};
 use std::fmt;
 
 /// Content of a property.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Content {
+pub(crate) enum Content {
     /// No value: the property is only declared.
     Declared,
     /// A value at all times.
@@ -23,7 +23,7 @@ pub enum Content {
 
 /// A property of a prim.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Property {
+pub(crate) struct Property {
     /// Words before the name: `custom double`, `uniform token`, `rel`.
     pub declaration: &'static str,
     /// Name with its namespaces.
@@ -34,22 +34,22 @@ pub struct Property {
 
 impl Property {
     /// Creates an attribute with one value.
-    pub fn new(declaration: &'static str, name: impl Into<String>, value: Literal) -> Self {
+    pub(crate) fn new(declaration: &'static str, name: impl Into<String>, value: Literal) -> Self {
         Self { declaration, name: name.into(), content: Content::Default(value) }
     }
 
     /// Creates an output that is only declared.
-    pub fn output(declaration: &'static str, name: impl Into<String>) -> Self {
+    pub(crate) fn output(declaration: &'static str, name: impl Into<String>) -> Self {
         Self { declaration, name: name.into(), content: Content::Declared }
     }
 
     /// Creates an attribute that is connected to another one.
-    pub fn connected(declaration: &'static str, name: impl Into<String>, to: impl Into<String>) -> Self {
+    pub(crate) fn connected(declaration: &'static str, name: impl Into<String>, to: impl Into<String>) -> Self {
         Self { declaration, name: name.into(), content: Content::Connection(to.into()) }
     }
 
     /// Creates a relationship to one prim.
-    pub fn relationship(declaration: &'static str, name: impl Into<String>, target: impl Into<String>) -> Self {
+    pub(crate) fn relationship(declaration: &'static str, name: impl Into<String>, target: impl Into<String>) -> Self {
         Self { declaration, name: name.into(), content: Content::Target(target.into()) }
     }
 
@@ -76,7 +76,7 @@ impl Property {
 
 /// A set of variants of a prim: one of them is selected.
 #[derive(Debug, Clone, PartialEq)]
-pub struct VariantSet {
+pub(crate) struct VariantSet {
     /// Name of the set.
     pub name: &'static str,
     /// Name of the variant that is selected.
@@ -87,7 +87,7 @@ pub struct VariantSet {
 
 /// A variant: properties and prims that it adds to a prim.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Variant {
+pub(crate) struct Variant {
     /// Name of the variant.
     pub name: &'static str,
     /// Properties.
@@ -98,7 +98,7 @@ pub struct Variant {
 
 /// A prim with what lies beneath it.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct PrimText {
+pub(crate) struct PrimText {
     /// Type: `Volume`, `Xform`; empty for an `over`, which adds opinions to a prim that another layer defines.
     pub kind: &'static str,
     /// Name, an identifier.
@@ -115,18 +115,18 @@ pub struct PrimText {
 
 impl PrimText {
     /// Creates a prim without properties.
-    pub fn new(kind: &'static str, name: impl Into<String>) -> Self {
+    pub(crate) fn new(kind: &'static str, name: impl Into<String>) -> Self {
         Self { kind, name: name.into(), ..Self::default() }
     }
 
     /// Adds an attribute with one value.
-    pub fn set(&mut self, declaration: &'static str, name: impl Into<String>, value: Literal) -> &mut Self {
+    pub(crate) fn set(&mut self, declaration: &'static str, name: impl Into<String>, value: Literal) -> &mut Self {
         self.properties.push(Property::new(declaration, name, value));
         self
     }
 
     /// Writes the prim as lines of text, indented by so many blanks.
-    pub fn write(&self, out: &mut String, indent: usize) {
+    pub(crate) fn write(&self, out: &mut String, indent: usize) {
         let space = " ".repeat(indent);
         *out += &match self.kind {
             "" => format!("{space}over \"{}\"", self.name),

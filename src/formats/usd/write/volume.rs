@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 
 /// A file of a volume.
 #[derive(Debug, Clone, PartialEq)]
-pub struct VolumeFrame {
+pub(crate) struct VolumeFrame {
     /// Time code; `None` for a volume at rest.
     pub time: Option<u32>,
     /// Path from the stage's folder, which starts with `./` or `../`.
@@ -25,7 +25,7 @@ pub struct VolumeFrame {
 
 /// A volume to be written.
 #[derive(Debug, Clone)]
-pub struct VolumePrim {
+pub(crate) struct VolumePrim {
     /// Name of the prim.
     pub name: String,
     /// Files in ascending order of their time codes.
@@ -50,7 +50,7 @@ struct FieldPrim<'a> {
 
 impl VolumePrim {
     /// Returns the box around all frames in the space of the stage.
-    pub fn bounds(&self) -> Aabb {
+    pub(crate) fn bounds(&self) -> Aabb {
         let own = self.frames.iter().fold(Aabb::EMPTY, |all, frame| all.union(frame.bounds()));
         match self.placement {
             Some(map) if !own.is_empty() => {
@@ -64,7 +64,7 @@ impl VolumePrim {
     ///
     /// # Errors
     /// If the grids of one name have values of different types.
-    pub fn prim(&self, parent: &str, renderer: Renderer) -> Result<PrimText> {
+    pub(crate) fn prim(&self, parent: &str, renderer: Renderer) -> Result<PrimText> {
         let path = format!("{parent}/{}", self.name);
         let mut volume = PrimText::new("Volume", self.name.clone());
         volume.metadata.push("prepend apiSchemas = [\"MaterialBindingAPI\"]".into());
@@ -138,7 +138,7 @@ impl VolumePrim {
 
 impl VolumeFrame {
     /// Returns the box around all grids in the space of the file.
-    pub fn bounds(&self) -> Aabb {
+    pub(crate) fn bounds(&self) -> Aabb {
         self.fields.iter().filter_map(|field| field.bounds).fold(Aabb::EMPTY, Aabb::union)
     }
 }
@@ -167,7 +167,7 @@ impl FieldPrim<'_> {
 }
 
 /// Returns a box as an extent in single precision that contains it.
-pub fn extent(bounds: Aabb) -> Literal {
+pub(crate) fn extent(bounds: Aabb) -> Literal {
     let below = |v: f64| if f64::from(v as f32) > v { (v as f32).next_down() } else { v as f32 };
     let above = |v: f64| if f64::from(v as f32) < v { (v as f32).next_up() } else { v as f32 };
     Literal::Array(vec![

@@ -26,7 +26,7 @@ impl<R: Real> Preintegrated<R> {
     /// Runs one ray's forward and backward pass; `None`, with nothing done, if the ray's error may exceed the
     /// tolerance.
     #[inline(always)]
-    pub fn gradient(
+    pub(crate) fn gradient(
         &self,
         pass: &mut Pass<'_, '_, R>,
         loss: Loss<'_, R>,

@@ -112,7 +112,7 @@ impl<R: Real> Default for SegmentBatch<R> {
 impl<R: Real> SegmentBatch<R> {
     /// Sets densities, lengths and deviations of the `n`-th four segments.
     #[inline(always)]
-    pub fn place(&mut self, n: usize, density: R::Lanes, length: R::Lanes, deviation: &Deviation<R>) {
+    pub(crate) fn place(&mut self, n: usize, density: R::Lanes, length: R::Lanes, deviation: &Deviation<R>) {
         let n = (LANES * n).min(ROOM - LANES);
         self.density[n + 1..n + 1 + LANES].copy_from_slice(&density.store());
         self.length[n..n + LANES].copy_from_slice(&length.store());
@@ -126,7 +126,7 @@ impl<R: Real> SegmentBatch<R> {
     /// Computes the remaining numbers from what was placed. `last` is the end at which the first segment begins;
     /// it is set to that at which the last one ends.
     #[inline(always)]
-    pub fn follow(&mut self, tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>) {
+    pub(crate) fn follow(&mut self, tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>) {
         debug_assert!(self.count.is_multiple_of(WIDE) && self.count <= ROOM, "{} segments", self.count);
         self.look_up(tables, curve, last);
         self.settle(tables);
@@ -176,7 +176,7 @@ impl<R: Real> SegmentBatch<R> {
 
     /// True if a segment's mean is computed from cumulative sums, not from the values at its ends.
     #[inline(always)]
-    pub fn is_summed(&self, tables: &Cumulative<R>, i: usize) -> bool {
+    pub(crate) fn is_summed(&self, tables: &Cumulative<R>, i: usize) -> bool {
         (self.piece[i] != self.piece[i + 1]) & self.is_wide(tables, i)
     }
 
@@ -239,7 +239,7 @@ impl<R: Real> SegmentBatch<R> {
     /// Computes the transmittances before the segments; `transmittance` is that before the first one, and is set to
     /// that behind the last.
     #[inline(always)]
-    pub fn arrive(&mut self, transmittance: &mut R) {
+    pub(crate) fn arrive(&mut self, transmittance: &mut R) {
         for four in 0..self.count / LANES {
             let n = (LANES * four).min(ROOM - LANES);
             let through = at(&self.transmittance, n).running_product();
@@ -251,7 +251,7 @@ impl<R: Real> SegmentBatch<R> {
 
     /// Returns the segments' light, by channel, and their optical depth.
     #[inline(always)]
-    pub fn blend(&self) -> ([f64; 3], f64) {
+    pub(crate) fn blend(&self) -> ([f64; 3], f64) {
         let mut light = [R::Lanes::ZERO; 3];
         let mut depths = R::Lanes::ZERO;
         for four in 0..self.count / LANES {
@@ -277,7 +277,7 @@ pub(super) fn at<R: Real>(v: &[R], n: usize) -> R::Lanes {
 
 /// Returns `e^{-x}`, A and B.
 #[inline(always)]
-pub fn shares<R: Real>(depth: R) -> [R; 3] {
+pub(crate) fn shares<R: Real>(depth: R) -> [R; 3] {
     let transmittance = depth.exp_neg();
     let ends = R::of(0.5) * (R::ONE + transmittance);
     let thin = depth * depth * powers(depth);

@@ -49,7 +49,7 @@ pub(super) struct Budget {
 
 impl Budget {
     /// Creates the budget of an attempt at a ray.
-    pub fn new(attempt: usize) -> Self {
+    pub(crate) fn new(attempt: usize) -> Self {
         Self { attempt, ..Self::default() }
     }
 
@@ -57,7 +57,7 @@ impl Budget {
     /// is charged, their numbers of parts are left in the batch, and the result is false; segments that were divided
     /// `level` times before may be too many to be divided again.
     #[inline(always)]
-    pub fn charge<R: Real>(&mut self, batch: &mut SegmentBatch<R>, level: u8, tables: &Cumulative<R>) -> bool {
+    pub(crate) fn charge<R: Real>(&mut self, batch: &mut SegmentBatch<R>, level: u8, tables: &Cumulative<R>) -> bool {
         batch.bound(tables, BY_ABSORPTION[self.attempt] * tables.tolerance);
         let (count, errors) = (batch.count.min(ROOM), &mut batch.errors);
         let (mut sum, mut more) = (R::Lanes::ZERO, R::Lanes::ZERO);

@@ -10,7 +10,7 @@ impl<R: Real> SegmentBatch<R> {
     /// Adds derivatives with respect to the ends of the transfer function's pieces, from those with respect to the
     /// means and drift of segment `i`; the curve's extinctions are the table's times `scale`.
     #[inline(never)]
-    pub fn by_table(
+    pub(crate) fn by_table(
         &self,
         i: usize,
         tables: &Cumulative<R>,

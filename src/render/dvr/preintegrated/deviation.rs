@@ -47,7 +47,7 @@ pub(super) struct Deviations<R> {
 
 impl<R: Real> Deviations<R> {
     /// Creates the numbers of a ray, from its index coordinates gained per world length.
-    pub fn new(direction: DVec3) -> Self {
+    pub(crate) fn new(direction: DVec3) -> Self {
         let voxels = direction.length();
         let u = (direction / voxels).abs();
         let mixed = R::of(0.25 * (u.y * u.z + u.z * u.x + u.x * u.y));
@@ -56,14 +56,14 @@ impl<R: Real> Deviations<R> {
     }
 
     /// Returns a bound for the least favorable direction, at a distance of nodes in voxels.
-    pub fn bound([axis, mixed]: [f64; 2], h: f64) -> f64 {
+    pub(crate) fn bound([axis, mixed]: [f64; 2], h: f64) -> f64 {
         0.25 * mixed * h * h + axis * (0.25 * 3.0_f64.sqrt() * h + 0.125 * h * h)
     }
 
     /// Returns the deviations of the segments that end at four nodes; `before` is the offset of the cell of the node
     /// before them.
     #[inline(always)]
-    pub fn of(&self, nodes: &Nodes<R>, corners: &Corners<R>, before: u32) -> Deviation<R> {
+    pub(crate) fn of(&self, nodes: &Nodes<R>, corners: &Corners<R>, before: u32) -> Deviation<R> {
         let all = <R::Lanes as Lanes<R>>::splat;
         let [a, b, c, d] = nodes.offset;
         let same = |here: u32, before: u32| if here == before { R::ONE } else { R::ZERO };
@@ -88,7 +88,7 @@ impl<R: Real> Deviations<R> {
 
     /// Returns the cubics along the segments that end at four nodes, each in the cell of its node.
     #[inline(always)]
-    pub fn cubic(&self, nodes: &Nodes<R>) -> Cubic<R> {
+    pub(crate) fn cubic(&self, nodes: &Nodes<R>) -> Cubic<R> {
         // No `map`, here and below: it is not always inlined.
         let gain = |a: usize| nodes.length * R::Lanes::splat(self.direction[a]);
         Cubic::new(nodes.at, [gain(0), gain(1), gain(2)])
@@ -150,13 +150,13 @@ impl<R: Real> Cubic<R> {
 
     /// Returns the mean deviations from the lines.
     #[inline(always)]
-    pub fn deviation(&self, corners: &Corners<R>) -> R::Lanes {
+    pub(crate) fn deviation(&self, corners: &Corners<R>) -> R::Lanes {
         Self::mean(self.second(corners))
     }
 
     /// Returns the derivatives of [`Cubic::deviation`], times a factor, with respect to the values at the corners.
     #[inline(always)]
-    pub fn by_corners(&self, factor: R::Lanes) -> Corners<R> {
+    pub(crate) fn by_corners(&self, factor: R::Lanes) -> Corners<R> {
         let factor = factor * R::Lanes::splat(R::of(-1.0 / 12.0));
         let [p, q, r] = self.products();
         let (p, q, r) = (factor * p, factor * q, factor * r);
@@ -168,7 +168,7 @@ impl<R: Real> Cubic<R> {
     /// Returns the derivatives of [`Cubic::deviation`] with respect to the coordinates of the first and the second
     /// ends.
     #[inline(always)]
-    pub fn by_ends(&self, corners: &Corners<R>) -> [[R::Lanes; 3]; 2] {
+    pub(crate) fn by_ends(&self, corners: &Corners<R>) -> [[R::Lanes; 3]; 2] {
         let (mixed, twist) = Self::differences(corners);
         let products = self.products();
         let twelfth = R::Lanes::splat(R::of(-1.0 / 12.0));

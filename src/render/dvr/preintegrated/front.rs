@@ -40,7 +40,7 @@ impl<'a, R: Real> Front<'a, R> {
     /// Creates the state at the eye, before any segment, at density zero, for an attempt at a ray that ends at an
     /// optical depth.
     #[inline(always)]
-    pub fn new(
+    pub(crate) fn new(
         tables: &'a Cumulative<R>,
         curve: &'a Curve<R, 3>,
         (ray, limit): (&IndexRay, f64),
@@ -65,20 +65,20 @@ impl<'a, R: Real> Front<'a, R> {
 
     /// True until the ray's optical depth exceeds its limit.
     #[inline(always)]
-    pub fn goes_on(&self) -> bool {
+    pub(crate) fn goes_on(&self) -> bool {
         self.depth < self.limit
     }
 
     /// True if the error so far is within the tolerance.
     #[inline(always)]
-    pub fn is_accurate(&self) -> bool {
+    pub(crate) fn is_accurate(&self) -> bool {
         self.budget.used <= self.tables.tolerance
     }
 
     /// Adds the segments that end at the first `fours` groups of four nodes. Where they would err too much they are
     /// divided first; `added` is called with the nodes and segments of each part, and may exchange both for others.
     #[inline(always)]
-    pub fn add(
+    pub(crate) fn add(
         &mut self,
         values: &[R],
         (queue, fours): (&mut Box<Queue<R>>, usize),
@@ -140,7 +140,7 @@ impl<'a, R: Real> Front<'a, R> {
 
     /// Adds a last segment of constant density zero.
     #[inline(always)]
-    pub fn add_gap(&mut self, length: f64) {
+    pub(crate) fn add_gap(&mut self, length: f64) {
         let [red, green, blue, extinction] = self.tables.zero.values.store().map(Real::f64);
         let depth = length * extinction;
         let absorbed = -(-depth).exp_m1() * self.transmittance.f64();

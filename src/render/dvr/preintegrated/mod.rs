@@ -59,7 +59,7 @@ const OF_BRICK: f64 = 1.0 / 8.0;
 impl<R: Real> Preintegrated<R> {
     /// Creates the tables of a transfer function whose extinctions are multiplied by `scale`, for a field of which the
     /// given bricks are visible; `tolerance` is the error allowed along a ray, in units of the brightest color.
-    pub fn new(
+    pub(crate) fn new(
         (table, scale): (&Table, f64),
         tolerance: f64,
         curve: &Curve<R, 3>,
@@ -95,7 +95,7 @@ impl<R: Real> Preintegrated<R> {
     }
 
     /// Returns the estimated number of nodes of a ray in a brick.
-    pub fn lookups(&self, brick: usize) -> f32 {
+    pub(crate) fn lookups(&self, brick: usize) -> f32 {
         // Of an average direction, which crosses 1.5 faces a voxel.
         let density = self.spacing[brick].density.f64();
         1.0 + (CELLS as f64 * if density > 0.0 { density } else { 1.5 }) as f32
@@ -103,7 +103,7 @@ impl<R: Real> Preintegrated<R> {
 
     /// Returns the radiance along a ray; `None` if its error may exceed the tolerance.
     #[inline(always)]
-    pub fn radiance(
+    pub(crate) fn radiance(
         &self,
         dvr: &Dvr<'_, R>,
         curve: &Curve<R, 3>,

@@ -28,7 +28,7 @@ pub(super) struct Nodes<R: Real> {
 impl<R: Real> Nodes<R> {
     /// Returns the values at the corners of the nodes' cells.
     #[inline(always)]
-    pub fn corners(&self, values: &[R]) -> Corners<R> {
+    pub(crate) fn corners(&self, values: &[R]) -> Corners<R> {
         // No `map`: it is not always inlined.
         let [a, b, c, d] = self.offset;
         let ([e, f], [g, h]) = (corners(values, a as usize), corners(values, b as usize));
@@ -38,7 +38,7 @@ impl<R: Real> Nodes<R> {
 
     /// Returns the densities at the nodes, from the values at the corners of their cells.
     #[inline(always)]
-    pub fn densities(&self, [near, far]: &Corners<R>) -> R::Lanes {
+    pub(crate) fn densities(&self, [near, far]: &Corners<R>) -> R::Lanes {
         let [x, y, z] = self.at;
         let along = |i: usize| near[i] + x * (far[i] - near[i]);
         let (a, b, c, d) = (along(0), along(1), along(2), along(3));
@@ -49,7 +49,7 @@ impl<R: Real> Nodes<R> {
     /// Adds the derivatives with respect to voxels, from those with respect to densities and to the corners themselves:
     /// the transpose of [`Nodes::densities`] and of the corners' values.
     #[inline(always)]
-    pub fn scatter(&self, values: &mut [R], by_density: R::Lanes, by_corners: &Corners<R>) {
+    pub(crate) fn scatter(&self, values: &mut [R], by_density: R::Lanes, by_corners: &Corners<R>) {
         let [x, y, z] = self.at;
         let high = by_density * y;
         let low = by_density - high;
@@ -224,18 +224,18 @@ impl<R: Real> Queue<R> {
     }
 
     /// Returns the number of groups of four nodes.
-    pub fn fours(&self) -> usize {
+    pub(crate) fn fours(&self) -> usize {
         self.count / LANES
     }
 
     /// Returns the positions of the first nodes, see [`Queue::share`].
-    pub fn shares(&self, count: usize) -> &[R] {
+    pub(crate) fn shares(&self, count: usize) -> &[R] {
         &self.share[..count.min(ROOM)]
     }
 
     /// Returns the first `fours` groups of four nodes.
     #[inline(always)]
-    pub fn first(&self, fours: usize) -> impl DoubleEndedIterator<Item = Nodes<R>> {
+    pub(crate) fn first(&self, fours: usize) -> impl DoubleEndedIterator<Item = Nodes<R>> {
         fn some<T>(all: &[T; ROOM], fours: usize) -> &[[T; LANES]] {
             &all.as_chunks().0[..fours.min(FOURS)]
         }
@@ -257,7 +257,7 @@ impl<R: Real> Queue<R> {
     /// Copies the nodes of `other` that come after its first `fours` groups, which were visited, so that `other` can be
     /// kept and this queue used in its place.
     #[inline(always)]
-    pub fn succeed(&mut self, other: &Self, fours: usize) {
+    pub(crate) fn succeed(&mut self, other: &Self, fours: usize) {
         let n = (fours * LANES).min(ROOM - WIDE);
         self.offset[n..n + WIDE].copy_from_slice(&other.offset[n..n + WIDE]);
         self.length[n..n + WIDE].copy_from_slice(&other.length[n..n + WIDE]);
@@ -292,18 +292,18 @@ pub(super) struct Divided<R: Real> {
 impl<R: Real> Divided<R> {
     /// Returns the nearest nodes, which are placed.
     #[inline(always)]
-    pub fn next(&mut self) -> Option<Box<Queue<R>>> {
+    pub(crate) fn next(&mut self) -> Option<Box<Queue<R>>> {
         self.pending.pop()
     }
 
     /// Takes nodes back that were visited or divided.
     #[inline(always)]
-    pub fn reuse(&mut self, queue: Box<Queue<R>>) {
+    pub(crate) fn reuse(&mut self, queue: Box<Queue<R>>) {
         self.spare.push(queue);
     }
 
     /// Forgets all nodes.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.spare.append(&mut self.pending);
     }
 
@@ -311,7 +311,13 @@ impl<R: Real> Divided<R> {
     /// each. `direction` is the gain of index coordinates per world length, `before` the last node before them as
     /// [`Queue::share`] has it.
     #[inline(never)]
-    pub fn divide(&mut self, queue: &Queue<R>, fours: usize, parts: &[u8; ROOM], (direction, mut before): (DVec3, R)) {
+    pub(crate) fn divide(
+        &mut self,
+        queue: &Queue<R>,
+        fours: usize,
+        parts: &[u8; ROOM],
+        (direction, mut before): (DVec3, R),
+    ) {
         let direction = direction.to_array().map(R::of);
         let first = self.pending.len();
         let mut chunk = self.spare.pop().unwrap_or_default();

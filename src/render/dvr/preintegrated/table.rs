@@ -50,7 +50,7 @@ const BEYOND: f64 = 1e6;
 impl<R: Real> Cumulative<R> {
     /// Creates the sums of a table whose extinctions are multiplied by `scale`; `tolerance` is the error allowed along
     /// a ray, in units of the brightest color.
-    pub fn new((table, scale): (&Table, f64), tolerance: f64, curve: &Curve<R, 3>, range: [f64; 2]) -> Self {
+    pub(crate) fn new((table, scale): (&Table, f64), tolerance: f64, curve: &Curve<R, 3>, range: [f64; 2]) -> Self {
         let knots = table.knots();
         let (first, last) = (knots[0], knots[knots.len() - 1]);
         let rounded = |v: f64| R::of(v).f64();
@@ -99,13 +99,13 @@ impl<R: Real> Cumulative<R> {
 
     /// Returns a piece by its number.
     #[inline(always)]
-    pub fn piece(&self, number: u32) -> &Piece<R> {
+    pub(crate) fn piece(&self, number: u32) -> &Piece<R> {
         &self.pieces[number as usize]
     }
 
     /// Clamps densities to the range of the tables.
     #[inline(always)]
-    pub fn within(&self, density: R::Lanes) -> R::Lanes {
+    pub(crate) fn within(&self, density: R::Lanes) -> R::Lanes {
         density.clamped(self.outmost[0], self.outmost[1])
     }
 }
@@ -113,7 +113,7 @@ impl<R: Real> Cumulative<R> {
 impl<R: Real> Piece<R> {
     /// Returns the cumulative sums F at a density: `σ r`, `σ g`, `σ b` and `σ`.
     #[inline(always)]
-    pub fn sums(&self, density: R) -> [f64; 4] {
+    pub(crate) fn sums(&self, density: R) -> [f64; 4] {
         let u = density.f64() - self.base.f64();
         let (a, b, c) = (self.a.store(), self.b.store(), self.c.store());
         let of = |i: usize| self.below[i] + u * (a[i].f64() + u * (b[i].f64() + u * c[i].f64()));
@@ -122,7 +122,7 @@ impl<R: Real> Piece<R> {
 
     /// Returns colors and extinction at a density.
     #[inline(always)]
-    pub fn values(&self, density: R) -> R::Lanes {
+    pub(crate) fn values(&self, density: R) -> R::Lanes {
         self.value + R::Lanes::splat(density - self.base) * self.slope
     }
 }

@@ -55,7 +55,7 @@ type Row<const P: usize> = [f64; P];
 
 impl<R: Precision> Preintegrated<R> {
     /// Returns the radiance along a ray with its derivatives; `None` if the ray's error may exceed the tolerance.
-    pub fn jvp<const P: usize>(
+    pub(crate) fn jvp<const P: usize>(
         &self,
         dvr: &Dvr<'_, R>,
         ray: IndexRay,

@@ -58,7 +58,7 @@ pub(super) struct Variation<R: Real> {
 impl<R: Real> Variation<R> {
     /// Creates the table of a transfer function whose extinctions are multiplied by `scale`; `brightest` is the unit of
     /// its colors, `densities` holds the least and the greatest density.
-    pub fn new(table: &Table, scale: f64, brightest: f64, densities: [f64; 2]) -> Self {
+    pub(crate) fn new(table: &Table, scale: f64, brightest: f64, densities: [f64; 2]) -> Self {
         let knots = table.knots();
         let (first, range) = (knots[0], knots[knots.len() - 1] - knots[0]);
         let count = if range > 0.0 { (PER_KNOT * knots.len()).clamp(BINS, MOST_BINS) } else { 1 };
@@ -135,7 +135,7 @@ impl<R: Real> Variation<R> {
 
     /// Returns upper bounds of the variations between pairs of ascending densities.
     #[inline(always)]
-    pub fn between(&self, low: R::Lanes, high: R::Lanes) -> Varied<R> {
+    pub(crate) fn between(&self, low: R::Lanes, high: R::Lanes) -> Varied<R> {
         let all = <R::Lanes as Lanes<R>>::splat;
         let last = R::int(self.edges.len() as i32 - 1);
         let half = R::of(0.5 + SLACK);
