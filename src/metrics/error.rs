@@ -36,17 +36,6 @@ pub(crate) fn colors(a: &Film, b: &Film, pixels: usize) -> Errors {
     Errors { mse: square / n, rel_mse: relative / n, max_abs, alpha_max_abs }
 }
 
-/// Root mean square difference of two planes of equal length; 0 for empty planes.
-pub(crate) fn rms(a: &[f32], b: &[f32]) -> f64 {
-    let sum: f64 = a.iter().zip(b).map(|(x, y)| (f64::from(*x) - f64::from(*y)).powi(2)).sum();
-    (sum / a.len().max(1) as f64).sqrt()
-}
-
-/// Largest absolute difference of two planes of equal length.
-pub(crate) fn max_abs(a: &[f32], b: &[f32]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| (f64::from(*x) - f64::from(*y)).abs()).fold(0.0, f64::max)
-}
-
 /// Peak signal-to-noise ratio in dB of a mean squared error; infinite where the error is 0.
 pub(crate) fn psnr_db(mse: f64, peak: f64) -> f64 {
     if mse == 0.0 { f64::INFINITY } else { 10.0 * (peak * peak / mse).log10() }
@@ -73,6 +62,5 @@ mod tests {
         assert!((e.rel_mse - 1.0 / 256.0 / 0.26).abs() < 4.0 * f64::EPSILON);
         assert!((psnr_db(e.mse, 1.0) - 24.082_399_653_118_497).abs() < 1e-12);
         assert_eq!(psnr_db(0.0, 1.0), f64::INFINITY);
-        assert_eq!((rms(&[1.0, 2.0], &[1.0, 4.0]), max_abs(&[1.0, 2.0], &[1.0, 4.0])), (2.0_f64.sqrt(), 2.0));
     }
 }

@@ -12,7 +12,7 @@ pub(crate) mod pilot;
 mod planner;
 
 pub use effect::Effect;
-pub(crate) use measured::{Depth, Measured};
+pub(crate) use measured::Measured;
 
 use crate::error::Result;
 use crate::render::path::Limits;

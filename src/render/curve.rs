@@ -276,11 +276,6 @@ impl<R: Real, const C: usize> Curve<R, C> {
     pub(crate) fn len(&self) -> usize {
         self.pieces.len()
     }
-
-    /// Returns false: a curve has at least one piece.
-    pub(crate) fn is_empty(&self) -> bool {
-        self.pieces.is_empty()
-    }
 }
 
 #[cfg(test)]

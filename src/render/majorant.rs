@@ -1,26 +1,20 @@
-//! Majorants: upper bounds of the extinction, brick by brick and over blocks of bricks.
+//! Majorants: upper bounds of the extinction, brick by brick.
 //!
 //! A brick stores the voxels of the apron on its far sides, and so holds every value that trilinear interpolation in it
 //! uses. The interpolated density lies between the least and the greatest of them and takes every value in between, so
 //! that the greatest extinction of the medium over this range is the least upper bound.
 //!
-//! Rays skip bricks whose majorant is 0. Blocks of 2, 4, 8 … bricks along each edge have the greatest majorant of their
-//! bricks.
+//! Rays skip bricks whose majorant is 0.
 
 use crate::real::Real;
 use crate::scene::bricks::{BRICK, Bricks};
 use crate::scene::medium::{Medium, Source};
-use glam::IVec3;
 use rayon::prelude::*;
-use std::collections::HashMap;
 
 /// Upper bounds of the extinction per world length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Majorants {
     bricks: Vec<f32>,
-    /// Bounds of blocks by level, from blocks of two bricks along an edge up: the block's coordinates (those of its
-    /// bricks over its edge, rounded down) and its bound.
-    blocks: Vec<HashMap<IVec3, f32>>,
     /// Bound where there are no bricks: the extinction at density 0.
     empty: f32,
 }
@@ -30,23 +24,7 @@ impl Majorants {
     pub(crate) fn new<R: Real>(field: &Bricks<R>, medium: &Medium) -> Self {
         let of_brick = |values: &[R]| bound(medium, values.iter().copied());
         let bricks: Vec<f32> = field.values.par_chunks(BRICK).map(of_brick).collect();
-        let mut blocks: Vec<HashMap<IVec3, f32>> = Vec::new();
-        let mut level: HashMap<IVec3, f32> =
-            field.topology.bricks().iter().copied().zip(bricks.iter().copied()).collect();
-        while level.len() > 1 {
-            let mut above: HashMap<IVec3, f32> = HashMap::new();
-            for (place, bound) in &level {
-                let greatest = above.entry(*place >> 1).or_insert(0.0);
-                *greatest = greatest.max(*bound);
-            }
-            // Blocks on both sides of the origin never meet.
-            if above.len() == level.len() {
-                break;
-            }
-            blocks.push(above.clone());
-            level = above;
-        }
-        Self { bricks, blocks, empty: bound(medium, [R::ZERO]) }
+        Self { bricks, empty: bound(medium, [R::ZERO]) }
     }
 
     /// Returns the bound of each brick, in the order of the field's topology.
@@ -57,19 +35,6 @@ impl Majorants {
     /// Returns the bound where there are no bricks.
     pub(crate) fn empty(&self) -> f32 {
         self.empty
-    }
-
-    /// Returns the number of levels of blocks above the bricks.
-    pub(crate) fn levels(&self) -> usize {
-        self.blocks.len()
-    }
-
-    /// Returns the bound of a block of `2^level` bricks along each edge, for levels from 1 up; `block` are the
-    /// coordinates of its bricks over its edge, rounded down. Bricks that are missing count with the bound at density
-    /// 0.
-    pub(crate) fn block(&self, level: usize, block: IVec3) -> f32 {
-        let found = level.checked_sub(1).and_then(|above| self.blocks.get(above)?.get(&block));
-        found.map_or(self.empty, |bound| bound.max(self.empty))
     }
 
     /// Returns the bound of the whole field.
@@ -102,7 +67,7 @@ mod tests {
     use crate::math::Affine;
     use crate::scene::table::Table;
     use crate::scene::topology::Topology;
-    use glam::DVec3;
+    use glam::{DVec3, IVec3};
     use std::sync::Arc;
 
     /// A cheap hash to 0..1.
@@ -165,23 +130,5 @@ mod tests {
         field.values.iter_mut().enumerate().for_each(|(i, v)| *v = if i % 2 == 0 { 0.05 } else { 0.35 });
         let found = Majorants::new(&field, &medium);
         assert!(found.bricks().iter().all(|bound| *bound == 6.0), "{:?}", found.bricks());
-    }
-
-    #[test]
-    fn blocks_bound_their_bricks() {
-        let field = field();
-        let majorants = Majorants::new(&field, &Medium::absorbing(1.5));
-        assert!(majorants.levels() >= 2);
-        for level in 1..=majorants.levels() {
-            for brick in field.topology.bricks() {
-                let block = *brick >> level as i32;
-                let own = field.topology.bricks().iter().zip(majorants.bricks());
-                let expected = own.filter(|(b, _)| **b >> level as i32 == block).fold(0.0_f32, |m, (_, v)| m.max(*v));
-                assert_eq!(majorants.block(level, block), expected, "level {level}, block {block}");
-            }
-        }
-        assert_eq!(majorants.block(1, IVec3::splat(1000)), 0.0);
-        let largest = majorants.bricks().iter().fold(0.0_f32, |m, v| m.max(*v));
-        assert_eq!(majorants.largest(), largest);
     }
 }

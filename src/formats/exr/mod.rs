@@ -29,7 +29,7 @@ mod write;
 
 pub use document::Document;
 pub use header::{ChannelInfo, Header, LayerInfo, Part, SampleType, header, is_damaged, is_whole};
-pub(crate) use layer::{Samples, layer_within};
+pub(crate) use layer::layer_within;
 pub use picture::{Picture, picture, picture_within, read_film_within, read_picture, read_picture_within};
 pub use problems::{problems, problems_within};
 pub use read::{Channel, Image, Layer, read, read_within};

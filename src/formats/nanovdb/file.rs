@@ -111,11 +111,6 @@ impl File {
         Ok(file)
     }
 
-    /// Path by which the file was opened.
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
-    }
-
     /// Major, minor and patch version of the library that wrote the file.
     pub(crate) fn version(&self) -> [u32; 3] {
         self.version

@@ -31,7 +31,6 @@ mod summary;
 pub(crate) use builtin::{Builtin, builtins, is_builtin};
 pub use carried::{METADATA_KEY, from_metadata, to_metadata};
 pub use document::{FORMAT, VERSION, save};
-pub(crate) use paraview::MOST_OPACITY;
 pub(crate) use rescale::range;
 pub(crate) use summary::TransferSummary;
 

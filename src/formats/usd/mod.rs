@@ -52,6 +52,6 @@ pub(crate) use prim::Prim;
 pub(crate) use problems::problems;
 pub(crate) use resolver::is_stage_name;
 pub use stage::Stage;
-pub(crate) use summary::{CameraSummary, FieldSummary, LightSummary, StageSummary, VolumeSummary, summary};
+pub(crate) use summary::{StageSummary, summary};
 pub use value::{Asset, MOST_ELEMENTS, Value};
 pub use volume::{Field, Role};

@@ -35,11 +35,10 @@ pub(crate) mod velocity;
 mod write;
 
 pub use dense::{DenseBox, ValueKind};
-pub(crate) use edit::{HALF_WIDTH, ResampleFilter};
+pub(crate) use edit::ResampleFilter;
 pub(crate) use excerpt::try_grid;
 pub use file::{CONFIDENCE, File};
 pub use native::{GridInfo, NativeGrid, RawGrid, RawLeaf, RawTile, Transform, writable};
-pub(crate) use topology::Topology;
 pub use write::{Codec, write_grids, write_native};
 
 use crate::error::{Error, Result};

@@ -68,12 +68,6 @@ impl<R: Real> Cell<R> {
         self.begin + from.f64()
     }
 
-    /// Returns the densities at the four points of [`gauss`] on a segment.
-    #[inline(always)]
-    pub(crate) fn densities(&self, values: &[R], start: R, length: R) -> R::Lanes {
-        Chord::<R>::interpolate(&corners(values, self.offset), self.at(start, length))
-    }
-
     /// Returns the offset of the lowest corner, and cell-local coordinates, of the points at two lengths from the
     /// span's entry.
     #[inline(always)]
