@@ -30,7 +30,7 @@ impl Arch {
 
     /// Runs `loops`; what is inlined into its `call` is compiled for the instruction set.
     #[inline(always)]
-    pub fn dispatch<F: pulp::NullaryFnOnce>(self, loops: F) -> F::Output {
+    pub(crate) fn dispatch<F: pulp::NullaryFnOnce>(self, loops: F) -> F::Output {
         #[cfg(target_arch = "x86_64")]
         return match self.wide {
             Some(wide) => wide.vectorize(loops),
@@ -85,12 +85,12 @@ fn transposed(wide: pulp::x86::V3, rows: &[[f32; 8]; 8]) -> [[f32; 8]; 8] {
 
 /// Stand-in for [`Arch`] that compiles loops once, for the target's baseline.
 #[derive(Debug, Clone, Copy)]
-pub struct Plain;
+pub(crate) struct Plain;
 
 impl Plain {
     /// Runs `loops`.
     #[inline(always)]
-    pub fn dispatch<F: pulp::NullaryFnOnce>(self, loops: F) -> F::Output {
+    pub(crate) fn dispatch<F: pulp::NullaryFnOnce>(self, loops: F) -> F::Output {
         loops.call()
     }
 }

@@ -48,11 +48,6 @@ impl Aabb {
     pub fn union(self, o: Self) -> Self {
         Self { min: self.min.min(o.min), max: self.max.max(o.max) }
     }
-    /// Intersection of both boxes, which may be empty.
-    #[must_use]
-    pub fn intersection(self, o: Self) -> Self {
-        Self { min: self.min.max(o.min), max: self.max.min(o.max) }
-    }
     /// Edge lengths of the box along x, y and z.
     pub fn size(&self) -> DVec3 {
         self.max - self.min
@@ -111,7 +106,7 @@ pub struct Affine {
 
 impl Affine {
     /// True if no entry of the maps differs by more than 1e-9 of the largest.
-    pub fn is_close(&self, other: &Self) -> bool {
+    pub(crate) fn is_close(&self, other: &Self) -> bool {
         let most = self.forward.to_cols_array().iter().fold(0.0, |a: f64, v| a.max(v.abs()));
         self.forward.abs_diff_eq(other.forward, 1e-9 * most)
     }
@@ -195,7 +190,7 @@ impl Affine {
         DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length())
     }
     /// World-space bounding box of an index-space box.
-    pub fn box_to_world(&self, index: Aabb) -> Aabb {
+    pub(crate) fn box_to_world(&self, index: Aabb) -> Aabb {
         if index.is_empty() {
             return Aabb::EMPTY;
         }

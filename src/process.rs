@@ -24,14 +24,14 @@ const WORK: u64 = 48 << 20;
 static REMEDY: OnceLock<&'static str> = OnceLock::new();
 
 /// Returns the least limit in bytes that the process can keep to: stacks of its threads are part of what it has taken.
-pub fn least_memory() -> u64 {
+pub(crate) fn least_memory() -> u64 {
     LEAST.max(taken().saturating_add(WORK))
 }
 
 /// Limits the private memory of the whole process to about `bytes`, the native library included (`RLIMIT_DATA`).
 /// An allocation beyond the limit fails: OpenVDB throws, and [`Allocator`] ends the program with an error message.
 /// Systems without such a limit are left as they are. The message ends with `remedy`.
-pub fn limit_memory(bytes: u64, remedy: &'static str) {
+pub(crate) fn limit_memory(bytes: u64, remedy: &'static str) {
     let _ = REMEDY.set(remedy);
     ALLOWED.store(bytes, Ordering::Relaxed);
     let before = getrlimit(Resource::Data);
@@ -99,12 +99,12 @@ fn checked(pointer: *mut u8, size: usize) -> *mut u8 {
 }
 
 /// Receives the error that ended the program.
-pub type OnEnd = fn(&Error);
+pub(crate) type OnEnd = fn(&Error);
 
 static ON_END: OnceLock<OnEnd> = OnceLock::new();
 
 /// Has a function called before the program ends for want of memory, or because the native library gave up.
-pub fn on_end(hook: OnEnd) {
+pub(crate) fn on_end(hook: OnEnd) {
     let _ = ON_END.set(hook);
 }
 
@@ -121,7 +121,7 @@ fn exhausted(size: usize) -> ! {
 }
 
 /// Ends the program with exit code 2 after the native library has thrown where no exception can be caught.
-pub fn abandon(what: &str) -> ! {
+pub(crate) fn abandon(what: &str) -> ! {
     // A thread whose stack finds no room wants memory, too.
     let memory = what == "out of memory" || what.contains("pthread_create");
     let (code, remedy) = match memory {

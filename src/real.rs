@@ -121,7 +121,7 @@ fn exp_neg(x: f32) -> f32 {
 }
 
 /// Number of elements of a [`Lanes`] vector.
-pub const LANES: usize = 4;
+pub(crate) const LANES: usize = 4;
 
 /// A vector of four numbers with elementwise operators.
 pub trait Lanes<R: Real>: Number + Default + AddAssign + Div<Output = Self> {

@@ -80,7 +80,7 @@ pub struct Arguments {
 
 /// Options that every subcommand takes.
 #[derive(Debug, Clone, clap::Args)]
-pub struct Global {
+pub(crate) struct Global {
     /// Print the result as JSON on standard output
     #[arg(long, global = true)]
     pub json: bool,

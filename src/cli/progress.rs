@@ -16,7 +16,7 @@ use std::time::Duration;
 
 /// Form of the progress on standard error.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-pub enum Form {
+pub(crate) enum Form {
     /// Bars on a terminal, and in a log a line every ten seconds
     #[default]
     Text,

@@ -12,7 +12,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// If [`encode_rgb8`] fails, or the file cannot be written.
-pub fn write_rgb8(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<()> {
+pub(crate) fn write_rgb8(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<()> {
     let bytes = encode_rgb8(width, height, rgb).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
 }
@@ -21,7 +21,7 @@ pub fn write_rgb8(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Resul
 ///
 /// # Errors
 /// If a side is 0 or exceeds 32 bits, or `rgb` does not have three bytes per pixel.
-pub fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>> {
+pub(crate) fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>> {
     encode_frames(width, height, &[rgb], 0)
 }
 
@@ -29,7 +29,7 @@ pub fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// If a side is 0 or exceeds 32 bits, or `grey` does not have one byte per pixel.
-pub fn encode_grey8(width: usize, height: usize, grey: &[u8]) -> Result<Vec<u8>> {
+pub(crate) fn encode_grey8(width: usize, height: usize, grey: &[u8]) -> Result<Vec<u8>> {
     encode_levels(width, height, grey, None)
 }
 
@@ -38,7 +38,7 @@ pub fn encode_grey8(width: usize, height: usize, grey: &[u8]) -> Result<Vec<u8>>
 ///
 /// # Errors
 /// If a side is 0 or exceeds 32 bits, `levels` does not have one byte per pixel, or `rgb` not three bytes per color.
-pub fn encode_palette8(width: usize, height: usize, levels: &[u8], rgb: &[u8]) -> Result<Vec<u8>> {
+pub(crate) fn encode_palette8(width: usize, height: usize, levels: &[u8], rgb: &[u8]) -> Result<Vec<u8>> {
     encode_levels(width, height, levels, Some(rgb))
 }
 
@@ -95,7 +95,12 @@ pub const TONE_MAPPING: &str = "Tone mapping";
 ///
 /// # Errors
 /// If the film has no pixels, an attribute's name is no keyword of 1 to 79 characters, or the file cannot be written.
-pub fn write_film(path: &Path, film: &Film, tone: ToneMapping, attributes: &BTreeMap<String, String>) -> Result<()> {
+pub(crate) fn write_film(
+    path: &Path,
+    film: &Film,
+    tone: ToneMapping,
+    attributes: &BTreeMap<String, String>,
+) -> Result<()> {
     let mut texts = attributes.clone();
     texts.insert(TONE_MAPPING.into(), tone.to_string());
     let bytes = encode(film.width, film.height, &[&tone.rgb8(film)], 0, &texts).map_err(|e| e.at(path))?;
@@ -119,7 +124,7 @@ pub fn texts(path: &Path) -> Result<BTreeMap<String, String>> {
 ///
 /// # Errors
 /// If a side is 0 or exceeds 32 bits, there is no picture, or one does not have three bytes per pixel.
-pub fn encode_frames(width: usize, height: usize, frames: &[&[u8]], rate: u16) -> Result<Vec<u8>> {
+pub(crate) fn encode_frames(width: usize, height: usize, frames: &[&[u8]], rate: u16) -> Result<Vec<u8>> {
     encode(width, height, frames, rate, &BTreeMap::new())
 }
 
@@ -159,7 +164,7 @@ fn encode(
 
 /// Converts a film for display: premultiplied color over black, clipped to 0..1, sRGB transfer (IEC 61966-2-1). The
 /// result has three bytes per pixel; NaN becomes 0.
-pub fn display_rgb8(film: &Film) -> Vec<u8> {
+pub(crate) fn display_rgb8(film: &Film) -> Vec<u8> {
     film.rgba.iter().flat_map(|p| [p[0], p[1], p[2]].map(srgb8)).collect()
 }
 

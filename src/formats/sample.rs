@@ -75,7 +75,7 @@ impl Sample {
     }
 
     /// True for integers.
-    pub fn is_integer(self) -> bool {
+    pub(crate) fn is_integer(self) -> bool {
         !matches!(self, Self::F16 | Self::F32 | Self::F64)
     }
 

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// Most frames of a sequence.
-pub const MOST_FRAMES: usize = 100_000;
+pub(crate) const MOST_FRAMES: usize = 100_000;
 
 /// Frames to work on: every `step`-th number from the first to the last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -97,7 +97,7 @@ impl Pattern {
     ///
     /// # Errors
     /// If the folder cannot be read.
-    pub fn in_folder(folder: &Path, endings: &[&str]) -> Result<Vec<Self>> {
+    pub(crate) fn in_folder(folder: &Path, endings: &[&str]) -> Result<Vec<Self>> {
         let entries = std::fs::read_dir(folder).map_err(|e| Error::io(folder, e))?;
         let mut groups: BTreeMap<(String, String), BTreeSet<String>> = BTreeMap::new();
         for name in entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok()) {
@@ -170,7 +170,7 @@ impl Pattern {
     ///
     /// # Errors
     /// The conditions are those of [`Self::numbers`].
-    pub fn all_numbers(&self) -> Result<Vec<u32>> {
+    pub(crate) fn all_numbers(&self) -> Result<Vec<u32>> {
         let mut all = self.numbers()?;
         all.extend(holes(&all));
         all.sort_unstable();

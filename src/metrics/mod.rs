@@ -63,7 +63,7 @@ pub fn peak(reference: &Film) -> f64 {
 }
 
 /// Upper bound in bytes of the memory that [`compare`] and a heat map of films of this size need beside the films.
-pub fn working_memory(width: usize, height: usize) -> u64 {
+pub(crate) fn working_memory(width: usize, height: usize) -> u64 {
     // Both films are copied where pixels are left out, and one plane of each is extracted. A heat map is made after
     // these are freed and needs less: differences, colors and the PNG.
     const PER_PIXEL: u64 = 2 * 16 + 2 * 4;

@@ -59,13 +59,13 @@ impl Aov {
     }
 
     /// True if the plane comes from scattered paths: direct volume rendering has no such thing.
-    pub fn of_paths(self) -> bool {
+    pub(crate) fn of_paths(self) -> bool {
         !matches!(self, Self::Variance | Self::OpticalDepth)
     }
 }
 
 /// Bytes of memory per pixel while a picture with additional planes is rendered.
-pub const PIXEL_BYTES: u64 = size_of::<Pixel>() as u64;
+pub(crate) const PIXEL_BYTES: u64 = size_of::<Pixel>() as u64;
 
 #[derive(Debug, Clone, Default)]
 struct Pixel {
@@ -76,7 +76,7 @@ struct Pixel {
 
 /// Renders a picture as [`picture`](super::picture()) does, and the requested planes beside RGBA, but
 /// for those of scattered paths ([`Aov::of_paths`]). Returns `None` if the watch stopped it.
-pub fn picture_with<'w, I: Integrator<Real = f32>>(
+pub(crate) fn picture_with<'w, I: Integrator<Real = f32>>(
     renderer: &Composited<I>,
     camera: &Camera,
     rays_per_edge: usize,

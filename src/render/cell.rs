@@ -12,7 +12,7 @@ use crate::scene::bricks::slot;
 /// Four cells with the weights of their corners in the integral over the ray's length in them: all that an optical
 /// depth needs. Unused entries of the four have weights of zero.
 #[derive(Debug, Clone, Copy)]
-pub struct Quartet<R: Real> {
+pub(crate) struct Quartet<R: Real> {
     /// Offsets of the cells' lowest corners among the field's values.
     pub offset: [u32; LANES],
     /// Corner weights times the ray's length in the cell, in world units, by cell and x of the corner.

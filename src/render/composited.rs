@@ -51,7 +51,7 @@ impl<R: Real, const P: usize> TangentPixel<R, P> {
 }
 
 /// Maps a pixel to the derivatives of a loss with respect to red, green, blue and alpha.
-pub type PixelLoss<'l, R> = &'l mut dyn FnMut(&Pixel<R>) -> [R; 4];
+pub(crate) type PixelLoss<'l, R> = &'l mut dyn FnMut(&Pixel<R>) -> [R; 4];
 
 /// An integrator and the constant radiance behind its medium.
 #[derive(Debug, Clone)]
@@ -65,7 +65,7 @@ pub struct Composited<I> {
 impl<I: Integrator> Composited<I> {
     /// Composites a radiance of the medium over the background.
     #[inline(always)]
-    pub fn composite(&self, light: &Radiance) -> Pixel<I::Real> {
+    pub(crate) fn composite(&self, light: &Radiance) -> Pixel<I::Real> {
         self.attenuated(light, light.transmittance())
     }
 
@@ -87,7 +87,7 @@ impl<I: Integrator> Composited<I> {
     }
 
     /// Returns the largest channel of the background.
-    pub fn brightest_background(&self) -> f64 {
+    pub(crate) fn brightest_background(&self) -> f64 {
         self.background.into_iter().fold(0.0, |m: f64, v| m.max(v.into()))
     }
 

@@ -111,7 +111,7 @@ impl<R: Real> Line<R> {
 
 /// A piecewise linear function of the density with `C` channels of source.
 #[derive(Debug, Clone)]
-pub struct Curve<R: Real, const C: usize> {
+pub(crate) struct Curve<R: Real, const C: usize> {
     pieces: Vec<Piece<R, C>>,
     /// The pieces again, of a transfer function.
     lines: Vec<Line<R>>,

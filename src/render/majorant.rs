@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 /// Upper bounds of the extinction per world length.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Majorants {
+pub(crate) struct Majorants {
     bricks: Vec<f32>,
     /// Bound where there are no bricks: the extinction at density 0.
     empty: f32,

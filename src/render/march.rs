@@ -85,7 +85,7 @@ impl IndexRay {
 
 /// The part of a ray inside one brick.
 #[derive(Debug, Clone, Copy)]
-pub struct Span<R> {
+pub(crate) struct Span<R> {
     /// Offset of the brick's first value.
     pub base: usize,
     /// Brick-local coordinates (0..8) of the point of entry.

@@ -2,7 +2,7 @@
 
 /// Returns the row-major indices of a picture's pixels along Morton curves: neighbours in the sequence lie close
 /// together at every scale, so that rays find their bricks in every cache.
-pub fn morton(width: usize, height: usize) -> impl Iterator<Item = usize> {
+pub(crate) fn morton(width: usize, height: usize) -> impl Iterator<Item = usize> {
     let edge = square(width, height);
     let across = width.div_ceil(edge);
     (0..across * height.div_ceil(edge)).flat_map(move |number| {

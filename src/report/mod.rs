@@ -24,8 +24,10 @@ pub(crate) use number::short;
 pub use plot::{Plot, Series};
 pub(crate) use sphere::{SphereMap, Walk};
 pub(crate) use strip::StripFrame;
-pub use thumbnails::{MOST_THUMBNAILS, Thumbnail};
-pub use views::{MOST_VIEWS, ViewRow, choose};
+pub(crate) use thumbnails::MOST_THUMBNAILS;
+pub use thumbnails::Thumbnail;
+pub(crate) use views::MOST_VIEWS;
+pub use views::{ViewRow, choose};
 
 use crate::error::{Error, Result};
 use crate::formats::atomic;
@@ -35,7 +37,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use std::path::{Path, PathBuf};
 
 /// File name of the page in the report's folder.
-pub const FILE_NAME: &str = "index.html";
+pub(crate) const FILE_NAME: &str = "index.html";
 
 /// A report under construction.
 #[derive(Debug, Clone)]
@@ -200,7 +202,13 @@ impl Page {
     ///
     /// # Errors
     /// If there is no frame, or a picture has no pixels.
-    pub fn strip(&mut self, heading: &str, labels: &[&str], frames: &[StripFrame], rate: u16) -> Result<&mut Self> {
+    pub(crate) fn strip(
+        &mut self,
+        heading: &str,
+        labels: &[&str],
+        frames: &[StripFrame],
+        rate: u16,
+    ) -> Result<&mut Self> {
         let body = strip::draw(labels, frames, rate)?;
         Ok(self.section(heading, body))
     }

@@ -18,7 +18,7 @@ const COVERED: f64 = 0.999;
 
 /// Pictures of a frame from several sequences and how far one of them is from another, reduced for display.
 #[derive(Debug, Clone)]
-pub struct StripFrame {
+pub(crate) struct StripFrame {
     pictures: Vec<Film>,
     differences: Vec<f64>,
 }

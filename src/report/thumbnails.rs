@@ -7,7 +7,7 @@ use crate::scene::film::Film;
 use maud::{Markup, html};
 
 /// Largest number of thumbnails on a page, of at most [`MOST_PIXELS`] squared: 3.7 MB of pictures that do not compress.
-pub const MOST_THUMBNAILS: usize = 100;
+pub(crate) const MOST_THUMBNAILS: usize = 100;
 /// Longest side of a thumbnail in pixels.
 const MOST_PIXELS: usize = 96;
 

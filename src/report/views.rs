@@ -7,7 +7,7 @@ use crate::scene::film::Film;
 use maud::{Markup, html};
 
 /// Largest number of views that a page shows.
-pub const MOST_VIEWS: usize = 8;
+pub(crate) const MOST_VIEWS: usize = 8;
 
 /// Share of the pixels that the scale of the differences covers. A scale for all pixels would let a few bright outliers
 /// leave the others black.

@@ -12,7 +12,8 @@ use crate::real::Real;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use crate::scene::sources::Sources;
 use crate::scene::topology;
-pub use crate::scene::topology::{BRICK, CELLS, EDGE, NONE, Topology, Voxel, slot};
+pub(crate) use crate::scene::topology::CELLS;
+pub use crate::scene::topology::{BRICK, EDGE, NONE, Topology, Voxel, slot};
 use glam::{DVec3, IVec3, Vec4};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
@@ -328,7 +329,7 @@ impl<R: Real> Bricks<R> {
 
     /// Samples the field at the voxels of another lattice (index to world): 512 values per brick of `topology`, z
     /// fastest.
-    pub fn resampled(&self, topology: &Topology, lattice: &Affine) -> Vec<R> {
+    pub(crate) fn resampled(&self, topology: &Topology, lattice: &Affine) -> Vec<R> {
         let mut out = vec![R::ZERO; topology.len() * LEAF_VOXELS];
         out.par_chunks_mut(LEAF_VOXELS).zip(topology.bricks().par_iter()).for_each(|(values, brick)| {
             for (i, v) in values.iter_mut().enumerate() {

@@ -99,7 +99,7 @@ pub struct Capture {
 
 impl Capture {
     /// A capture that states nothing but its views: pictures of an absorber before white.
-    pub fn of_frames(frames: Vec<Frame>) -> Self {
+    pub(crate) fn of_frames(frames: Vec<Frame>) -> Self {
         Self {
             frames,
             model: Model::Absorption,
@@ -120,7 +120,7 @@ impl Capture {
     ///
     /// [`Film::by_alpha`]: crate::scene::film::Film::by_alpha
     #[must_use]
-    pub fn by_alpha(&self) -> Self {
+    pub(crate) fn by_alpha(&self) -> Self {
         Self { model: Model::Absorption, background: [1.0; 3], transfer: None, ..self.clone() }
     }
 

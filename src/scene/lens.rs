@@ -80,7 +80,7 @@ impl Lens {
 
     /// Returns the largest radius, at most `most`, up to which the lens maps greater radii to greater ones. Beyond it
     /// the model folds over, and describes no lens.
-    pub fn valid_radius(&self, most: f64) -> f64 {
+    pub(crate) fn valid_radius(&self, most: f64) -> f64 {
         let mapped = |radius: f64| match self {
             Self::Pinhole => radius,
             Self::Brown { radial, .. } => radius * ratio(radial, radius * radius),

@@ -201,7 +201,7 @@ impl Light {
     /// Returns the light that a ray of unit direction meets; `None` if it meets none. Lights without extent are never
     /// met.
     #[inline]
-    pub fn hit(&self, ray: &Ray) -> Option<Arrival> {
+    pub(crate) fn hit(&self, ray: &Ray) -> Option<Arrival> {
         let direction = ray.direction;
         match *self {
             Self::Sun { direction: axis, irradiance, angle } => {

@@ -94,13 +94,13 @@ impl Medium {
     }
 
     /// True if the extinction differs between channels.
-    pub fn is_chromatic(&self) -> bool {
+    pub(crate) fn is_chromatic(&self) -> bool {
         self.color != [1.0; 3]
     }
 
     /// Returns the medium that absorbs in every channel what this one takes from a ray in the channel of most
     /// extinction.
-    pub fn densest_channel(&self) -> Self {
+    pub(crate) fn densest_channel(&self) -> Self {
         Self { color: [1.0; 3], scattering: None, ..self.clone() }
     }
 

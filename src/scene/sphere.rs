@@ -76,7 +76,7 @@ pub fn upright(direction: DVec3, up: Up) -> DMat3 {
 }
 
 /// Removes the roll from a viewpoint's axes. Near a pole, where the roll is undefined, the axes are returned unchanged.
-pub fn levelled(axes: &DMat3, up: Up) -> DMat3 {
+pub(crate) fn levelled(axes: &DMat3, up: Up) -> DMat3 {
     if axes.z_axis.cross(up.vector()).length() < POLE { *axes } else { upright(axes.z_axis.normalize(), up) }
 }
 

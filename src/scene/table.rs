@@ -4,7 +4,7 @@
 use crate::error::{Error, Result};
 
 /// Red, green and blue source radiance, and extinction per world unit.
-pub type Rgbs = [f64; 4];
+pub(crate) type Rgbs = [f64; 4];
 
 /// A piecewise linear function of the density, constant below the first knot and above the last.
 /// Two knots at one density are a step, at which the function takes the upper knot's value.
@@ -100,7 +100,7 @@ impl Table {
     }
 
     /// Derivative with respect to the density within a piece; zero where the piece is a step or lies outside the knots.
-    pub fn slope_of(&self, piece: usize) -> Rgbs {
+    pub(crate) fn slope_of(&self, piece: usize) -> Rgbs {
         let ([low, high], [a, b]) = self.ends(piece);
         let width = high - low;
         if width > 0.0 && width.is_finite() { std::array::from_fn(|c| (b[c] - a[c]) / width) } else { [0.0; 4] }
@@ -108,7 +108,7 @@ impl Table {
 
     /// Returns the slope of a piece between knots that are rounded by `round`: of narrow pieces rounding changes it,
     /// and the values at the ends stay. Where the knots coincide it is 0, as no density lies between them.
-    pub fn slope_between(&self, piece: usize, round: impl Fn(f64) -> f64) -> Rgbs {
+    pub(crate) fn slope_between(&self, piece: usize, round: impl Fn(f64) -> f64) -> Rgbs {
         let (knots, [lower, upper]) = self.ends(piece);
         let [low, high] = knots.map(round);
         let width = high - low;
@@ -181,7 +181,7 @@ impl Table {
 
     /// Returns the same extinctions without color.
     #[must_use]
-    pub fn without_color(&self) -> Self {
+    pub(crate) fn without_color(&self) -> Self {
         let values = self.values.iter().map(|[.., extinction]| [0.0, 0.0, 0.0, *extinction]).collect();
         Self { knots: self.knots.clone(), values }
     }

@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 use std::ops::AddAssign;
 
 /// Cells along the edge of a brick.
-pub const CELLS: usize = 8;
+pub(crate) const CELLS: usize = 8;
 /// Stored voxels along the edge of a brick: the corners of its cells.
 pub const EDGE: usize = CELLS + 1;
 /// Stored voxels of a brick.

@@ -21,7 +21,7 @@ pub enum Grids {
 
 impl Grids {
     /// Returns the grid that the optical depth is proportional to, or a function of: the density or the extinction.
-    pub fn density_or_extinction(&self) -> Cow<'_, Bricks<f32>> {
+    pub(crate) fn density_or_extinction(&self) -> Cow<'_, Bricks<f32>> {
         match self {
             Self::Density(field) => Cow::Borrowed(field),
             Self::EmissionExtinction(volume) => Cow::Owned(volume.channel(3)),
@@ -33,7 +33,7 @@ impl Grids {
     ///
     /// # Errors
     /// If the capture's medium or density scale cannot be used.
-    pub fn shown_by(self, capture: &Capture) -> Result<Volume> {
+    pub(crate) fn shown_by(self, capture: &Capture) -> Result<Volume> {
         Ok(match self {
             Self::Density(field) => Volume::Density(field, capture.medium()?),
             Self::EmissionExtinction(mut volume) => {
@@ -74,7 +74,7 @@ impl Volume {
 
     /// Returns the volume without a grid that emits beside its medium.
     #[must_use]
-    pub fn without_emission(self) -> Self {
+    pub(crate) fn without_emission(self) -> Self {
         match self {
             Self::Emissive { density, medium, .. } => Self::Density(density, medium),
             volume => volume,

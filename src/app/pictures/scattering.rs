@@ -123,7 +123,7 @@ impl ScatteringSettings {
     }
 
     /// Returns the picture of the sky, if one is given.
-    pub fn sky_file(&self) -> Option<&Path> {
+    pub(crate) fn sky_file(&self) -> Option<&Path> {
         self.sky.as_ref().and_then(Sky::file)
     }
 
@@ -231,7 +231,7 @@ impl ScatteringSettings {
 
 /// Returns the settings that state the albedo and the lights that [`ScatteringSettings::record`] has put into a
 /// capture; `None` without an albedo.
-pub fn recorded(record: &Value) -> Option<String> {
+pub(crate) fn recorded(record: &Value) -> Option<String> {
     let text = |number: &Value| match number.as_f64() {
         // Colors were numbers of 32 bits.
         Some(v) if f64::from(v as f32) == v => (v as f32).to_string(),

@@ -19,9 +19,9 @@ pub struct Footprint {
 
 impl Footprint {
     /// Empty rectangle.
-    pub const NOWHERE: Self = Self { low: DVec2::INFINITY, high: DVec2::NEG_INFINITY };
+    pub(crate) const NOWHERE: Self = Self { low: DVec2::INFINITY, high: DVec2::NEG_INFINITY };
     /// Rectangle that covers the whole picture.
-    pub const EVERYWHERE: Self = Self { low: DVec2::NEG_INFINITY, high: DVec2::INFINITY };
+    pub(crate) const EVERYWHERE: Self = Self { low: DVec2::NEG_INFINITY, high: DVec2::INFINITY };
 }
 
 /// Projection of a field's bricks into a camera's picture: homogeneous image coordinates (x, y and their divisor),

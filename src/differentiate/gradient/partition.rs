@@ -10,21 +10,21 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// A set of partitions, one bit each.
-pub type Partitions = u32;
+pub(crate) type Partitions = u32;
 
 /// The largest number of partitions.
 pub(super) const MOST_PARTITIONS: usize = 16;
 
 /// Estimates how many bricks `rays` rays cross in all, as one and a half times the edge of a cube of the field's bricks
 /// each.
-pub fn bricks_crossed<V: Voxel>(field: &Bricks<V>, rays: usize) -> f64 {
+pub(crate) fn bricks_crossed<V: Voxel>(field: &Bricks<V>, rays: usize) -> f64 {
     1.5 * rays as f64 * (field.topology.len() as f64).cbrt()
 }
 
 /// Returns the number of partitions for this many voxel lookups in a field, a power of two from 2 to 16: as many as pay
 /// off (each accumulator is cleared and added, which must cost less than the rays do) and fit in memory. With `apart`,
 /// partitions cross different parts of the field.
-pub fn partitions<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
+pub(crate) fn partitions<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
     let values = field.values.len().max(1);
     let pays = lookups / values as f64;
     // Together they see the field, and what lies between them twice: that grows with their borders.

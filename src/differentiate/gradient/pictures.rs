@@ -27,7 +27,7 @@ pub struct Target {
 }
 
 /// Value and derivative of one pixel's loss, from the rendered and the target pixel.
-pub type PixelLoss<'l> = &'l (dyn Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync);
+pub(crate) type PixelLoss<'l> = &'l (dyn Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync);
 
 /// Accumulators that gradients are added to; a gradient that is `None` is not computed.
 #[derive(Debug)]

@@ -3,8 +3,10 @@
 mod problems;
 mod summary;
 
-pub use problems::{problems, problems_within};
-pub use summary::{CaptureSummary, summary, summary_within};
+pub use problems::problems;
+pub(crate) use problems::problems_within;
+pub(crate) use summary::CaptureSummary;
+pub use summary::{summary, summary_within};
 
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -54,7 +56,7 @@ pub fn load(path: &Path) -> Result<Capture> {
 ///
 /// # Errors
 /// The conditions are those of [`load`], with these limits.
-pub fn load_within(path: &Path, limits: Limits) -> Result<Capture> {
+pub(crate) fn load_within(path: &Path, limits: Limits) -> Result<Capture> {
     stated_within(path, limits)?.direct().map_err(|e| e.at(file(path)))
 }
 

@@ -22,7 +22,7 @@ pub fn problems(path: &Path) -> Result<Vec<Problem>> {
 ///
 /// # Errors
 /// The conditions are those of [`problems`].
-pub fn problems_within(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
+pub(crate) fn problems_within(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
     let file = file(path);
     let json = !colmap::is_model_file(&file);
     let mut found = if json { transforms::frame_problems(&file, limits)? } else { Vec::new() };

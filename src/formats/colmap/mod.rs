@@ -43,7 +43,7 @@ struct Image {
 type Parsed = (BTreeMap<u32, Calibration>, Vec<Image>);
 
 /// Returns true if a file's name is one of a model.
-pub fn is_model_file(path: &Path) -> bool {
+pub(crate) fn is_model_file(path: &Path) -> bool {
     let stem = path.file_stem().and_then(|s| s.to_str());
     let suffix = path.extension().and_then(|s| s.to_str());
     matches!((stem, suffix), (Some("cameras" | "images" | "points3D"), Some("txt" | "bin")))
@@ -75,7 +75,7 @@ pub fn find(path: &Path) -> Option<PathBuf> {
 /// # Errors
 /// If a file cannot be read, is damaged, has a camera of a model that is not known here, or its images do not fit into
 /// `limits`.
-pub fn load_within(images: &Path, limits: Limits) -> Result<StatedCapture> {
+pub(crate) fn load_within(images: &Path, limits: Limits) -> Result<StatedCapture> {
     let _reading = Reading::begin(images);
     let binary = images.extension().is_some_and(|suffix| suffix == "bin");
     let cameras = images.with_file_name(if binary { "cameras.bin" } else { "cameras.txt" });

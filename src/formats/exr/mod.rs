@@ -28,13 +28,18 @@ mod views;
 mod write;
 
 pub use document::Document;
-pub use header::{ChannelInfo, Header, LayerInfo, Part, SampleType, header, is_damaged, is_whole};
+pub use header::{Header, SampleType, header};
+pub(crate) use header::{LayerInfo, is_damaged, is_whole};
 pub(crate) use layer::layer_within;
-pub use picture::{Picture, picture, picture_within, read_film_within, read_picture, read_picture_within};
-pub use problems::{problems, problems_within};
+pub(crate) use picture::read_picture_within;
+pub use picture::{Picture, picture, picture_within, read_film_within, read_picture};
+pub use problems::problems;
+pub(crate) use problems::problems_within;
 pub use read::{Channel, Image, Layer, read, read_within};
-pub use summary::{ChannelSummary, ExrSummary, LayerSummary, PartSummary, summary, summary_within};
-pub use write::{Attributes, Placement, write_part, write_picture};
+pub(crate) use summary::ExrSummary;
+pub use summary::{summary, summary_within};
+pub use write::{Attributes, write_picture};
+pub(crate) use write::{Placement, write_part};
 
 use serde::Serialize;
 

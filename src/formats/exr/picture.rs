@@ -41,7 +41,7 @@ pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Film> {
 ///
 /// # Errors
 /// The conditions are those of [`picture_within`].
-pub fn read_picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
+pub(crate) fn read_picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
     Ok(picture_within(path, layer, limits)?.film)
 }
 

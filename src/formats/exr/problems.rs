@@ -18,7 +18,7 @@ pub fn problems(path: &Path) -> Result<Vec<Problem>> {
 ///
 /// # Errors
 /// The conditions are those of [`problems`].
-pub fn problems_within(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
+pub(crate) fn problems_within(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
     let summary = match summary_within(path, limits) {
         Ok(summary) => summary,
         Err(error) => return Ok(vec![Problem::of(error)?]),

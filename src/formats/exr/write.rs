@@ -33,7 +33,7 @@ pub fn write_picture(path: &Path, film: &Film, attributes: &Attributes, half: bo
 
 /// Place of a part within a whole picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Placement {
+pub(crate) struct Placement {
     /// Width and height of the whole picture in pixels: the display window.
     pub display: [usize; 2],
     /// Column and row of the part's first pixel: where the data window begins.
@@ -44,7 +44,13 @@ pub struct Placement {
 ///
 /// # Errors
 /// The conditions are those of [`write_picture`]; also if the part is not within the whole.
-pub fn write_part(path: &Path, film: &Film, attributes: &Attributes, half: bool, placement: Placement) -> Result<()> {
+pub(crate) fn write_part(
+    path: &Path,
+    film: &Film,
+    attributes: &Attributes,
+    half: bool,
+    placement: Placement,
+) -> Result<()> {
     let bytes = encoded(path, film, attributes, half, Some(placement)).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
 }

@@ -64,17 +64,17 @@ impl Format {
     }
 
     /// True if such files do not state where their voxels lie, or not always.
-    pub fn takes_placement(self) -> bool {
+    pub(crate) fn takes_placement(self) -> bool {
         matches!(self, Self::Npy | Self::Npz | Self::Tiff | Self::Dicom | Self::Zarr | Self::Raw)
     }
 
     /// True if such a file may hold several points in time, of which one is read.
-    pub fn has_times(self) -> bool {
+    pub(crate) fn has_times(self) -> bool {
         matches!(self, Self::Nifti | Self::Nrrd | Self::Tiff | Self::Dicom | Self::Zarr)
     }
 
     /// True if such a file may hold several named arrays.
-    pub fn has_arrays(self) -> bool {
+    pub(crate) fn has_arrays(self) -> bool {
         matches!(self, Self::Npz | Self::Tiff | Self::VtkXml | Self::VtkLegacy | Self::Cvol)
     }
 }

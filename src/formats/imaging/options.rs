@@ -85,7 +85,7 @@ impl Options {
     ///
     /// # Errors
     /// If the time that is asked for is not among them.
-    pub fn choose_time(&self, count: usize, notes: &mut Vec<String>) -> Result<usize> {
+    pub(crate) fn choose_time(&self, count: usize, notes: &mut Vec<String>) -> Result<usize> {
         let time = self.time.unwrap_or(0);
         if time >= count {
             return Err(Error::invalid(format!("there is no time {time}; the file has {count}"))

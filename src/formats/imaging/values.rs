@@ -49,12 +49,12 @@ pub struct Tally {
 
 impl Mapping {
     /// True if integers stay integers.
-    pub fn keeps_integers(&self) -> bool {
+    pub(crate) fn keeps_integers(&self) -> bool {
         self.scale.fract() == 0.0 && self.offset.fract() == 0.0 && self.range.is_none()
     }
 
     /// True if values pass unchanged.
-    pub fn is_identity(&self) -> bool {
+    pub(crate) fn is_identity(&self) -> bool {
         *self == Self::default()
     }
 
@@ -98,7 +98,7 @@ const MOST_WHOLE: f64 = 9_007_199_254_740_992.0;
 impl Tally {
     /// Counts the values that a grid of 32-bit floats cannot hold. Fractions that are rounded are not counted: that is
     /// what such a grid is chosen for.
-    pub fn count_singles(&mut self, values: &[f64]) {
+    pub(crate) fn count_singles(&mut self, values: &[f64]) {
         for value in values.iter().filter(|v| v.is_finite()) {
             let single = *value as f32;
             if f64::from(single) == *value {

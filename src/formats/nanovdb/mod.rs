@@ -25,5 +25,6 @@ mod write;
 pub use file::{Entry, File};
 pub use layout::Kind;
 pub use unpack::Codec;
-pub use volume::{IntegerLeaf, IntegerTile, KEPT, Tree, Volume};
+pub(crate) use volume::KEPT;
+pub use volume::{IntegerLeaf, IntegerTile, Tree, Volume};
 pub use write::{encode, write};

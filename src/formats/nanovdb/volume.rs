@@ -66,7 +66,7 @@ pub enum Tree {
 
 /// Names of the texts that are read of a grid: entries of a VDB's own metadata, which NanoVDB has no field for, and by
 /// which the up axis is known.
-pub const KEPT: [&str; 2] = ["creator", UP_KEY];
+pub(crate) const KEPT: [&str; 2] = ["creator", UP_KEY];
 
 /// A grid as read from or written to a file.
 #[derive(Debug, Clone, PartialEq)]

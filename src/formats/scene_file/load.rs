@@ -80,7 +80,7 @@ pub fn read(path: &Path, limits: Limits) -> Result<SceneFile> {
 /// # Errors
 /// If a file cannot be read, a key is missing, unknown or cannot be used, or the values do not fit into `limits`. The
 /// error names the file, and the volume or light.
-pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<LoadedScene> {
+pub(crate) fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<LoadedScene> {
     let _reading = Reading::begin(path);
     let part = |part: String| move |e: Error| e.part(part.clone()).at(path);
     let file = read(path, limits)?;
@@ -182,7 +182,7 @@ fn dome(
 ///
 /// # Errors
 /// If the picture cannot be read or used; the error names it.
-pub fn environment_map(path: &Path, factor: [f32; 3], limits: Limits) -> Result<EnvironmentMap> {
+pub(crate) fn environment_map(path: &Path, factor: [f32; 3], limits: Limits) -> Result<EnvironmentMap> {
     let film = exr::read_picture_within(path, None, limits)?;
     EnvironmentMap::new(&film, factor).map_err(|e| e.at(path))
 }

@@ -13,7 +13,8 @@
 
 mod load;
 
-pub use load::{LoadedScene, SceneVolume, environment_map, load_within, medium, read};
+pub use load::{LoadedScene, medium, read};
+pub(crate) use load::{SceneVolume, environment_map, load_within};
 
 use crate::error::Result;
 use crate::math::Affine;

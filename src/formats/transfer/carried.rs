@@ -15,7 +15,7 @@ pub const METADATA_KEY: &str = "cumulo_transfer";
 const ATTACH: &str = "⟨convert.tf=FILE⟩ attaches one";
 
 /// Metadata value of a transfer function, to be stored under [`METADATA_KEY`].
-pub fn to_metadata(transfer: &Transfer) -> MetaValue {
+pub(crate) fn to_metadata(transfer: &Transfer) -> MetaValue {
     MetaValue::Text(document::compact(transfer))
 }
 

@@ -15,7 +15,7 @@ use std::path::Path;
 /// Value of the key `format`.
 pub const FORMAT: &str = "cumulo-transfer-function";
 /// Value of the key `version`; other versions are refused.
-pub const VERSION: u32 = 1;
+pub(crate) const VERSION: u32 = 1;
 
 /// Advice on the entries of a transfer function.
 pub(super) const ENTRIES: &str =

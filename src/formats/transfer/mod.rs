@@ -29,8 +29,9 @@ mod rescale;
 mod summary;
 
 pub(crate) use builtin::{Builtin, builtins, is_builtin};
-pub use carried::{METADATA_KEY, from_metadata, to_metadata};
-pub use document::{FORMAT, VERSION, save};
+pub(crate) use carried::to_metadata;
+pub use carried::{METADATA_KEY, from_metadata};
+pub use document::{FORMAT, save};
 pub(crate) use rescale::range;
 pub(crate) use summary::TransferSummary;
 

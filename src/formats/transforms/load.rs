@@ -37,7 +37,7 @@ pub fn load(path: &Path) -> Result<Capture> {
 ///
 /// # Errors
 /// The conditions are those of [`load`], with these limits; pictures that a lens distorts or a mask covers are refused.
-pub fn load_within(path: &Path, limits: Limits) -> Result<Capture> {
+pub(crate) fn load_within(path: &Path, limits: Limits) -> Result<Capture> {
     stated_within(path, limits)?.direct().map_err(|e| e.at(json_path(path)))
 }
 
@@ -99,7 +99,7 @@ fn parse(json: &Path, limits: Limits) -> Result<StatedCapture> {
 ///
 /// # Errors
 /// If the file cannot be read, is too large, or holds something else.
-pub fn read_object(json: &Path, limits: Limits) -> Result<Map<String, Value>> {
+pub(crate) fn read_object(json: &Path, limits: Limits) -> Result<Map<String, Value>> {
     let text = input::bytes(json, MAX_BYTES, "a list of cameras").map_err(|e| match e.io_kind() {
         Some(ErrorKind::NotFound) => e.hint("a capture is a transforms.json or the folder that holds one"),
         _ => e,

@@ -28,14 +28,16 @@ mod problems;
 mod remarks;
 mod save;
 
-pub use load::{load, load_within, read_object, stated_within};
+pub(crate) use load::read_object;
+pub use load::{load, stated_within};
 pub(crate) use problems::frame_problems;
-pub use save::{check_names, save, save_for};
+pub use save::save;
+pub(crate) use save::{check_names, save_for};
 
 use std::path::{Path, PathBuf};
 
 /// Name of the file in a capture's folder.
-pub const FILE_NAME: &str = "transforms.json";
+pub(crate) const FILE_NAME: &str = "transforms.json";
 
 /// Path of the JSON file that `path` names, either itself or as its folder.
 pub fn json_path(path: &Path) -> PathBuf {

@@ -25,7 +25,7 @@ pub fn save(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Resul
 ///
 /// # Errors
 /// The conditions are those of [`save`].
-pub fn save_for(path: &Path, now: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<()> {
+pub(crate) fn save_for(path: &Path, now: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<()> {
     let text = text(path, capture, extra).map_err(|e| e.at(path))?;
     atomic::write_bytes(now, text.as_bytes())
 }
@@ -35,7 +35,7 @@ pub fn save_for(path: &Path, now: &Path, capture: &Capture, extra: &Map<String, 
 ///
 /// # Errors
 /// If a picture's path from the folder of `path` is not valid Unicode; the error names the first such frame.
-pub fn check_names(path: &Path, capture: &Capture) -> Result<()> {
+pub(crate) fn check_names(path: &Path, capture: &Capture) -> Result<()> {
     let folder = folder(path);
     let mut frames = capture.frames.iter().enumerate();
     frames.try_for_each(|(i, frame)| named(&frame.picture, &folder, i).map(drop)).map_err(|e| e.at(path))

@@ -31,7 +31,7 @@ pub enum Value {
 }
 
 /// Largest number of elements of arrays that are read; longer ones are points and indices of meshes.
-pub const MOST_ELEMENTS: usize = 4096;
+pub(crate) const MOST_ELEMENTS: usize = 4096;
 
 /// The path of a file, as a layer states it.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Suffix of the name of a confidence grid, which says how well each voxel of the grid without the suffix is known.
-pub const CONFIDENCE: &str = "_confidence";
+pub(crate) const CONFIDENCE: &str = "_confidence";
 
 /// A VDB file open for reading. Grids are loaded one by one, never lazily.
 #[derive(Debug)]

@@ -37,8 +37,10 @@ mod write;
 pub use dense::{DenseBox, ValueKind};
 pub(crate) use edit::ResampleFilter;
 pub(crate) use excerpt::try_grid;
-pub use file::{CONFIDENCE, File};
-pub use native::{GridInfo, NativeGrid, RawGrid, RawLeaf, RawTile, Transform, writable};
+pub(crate) use file::CONFIDENCE;
+pub use file::File;
+pub(crate) use native::{GridInfo, RawGrid, Transform};
+pub use native::{NativeGrid, RawLeaf, RawTile, writable};
 pub use write::{Codec, write_grids, write_native};
 
 use crate::error::{Error, Result};
@@ -50,7 +52,7 @@ static END: OnceLock<fn(&str) -> !> = OnceLock::new();
 
 /// Calls `end` with a description instead of aborting where OpenVDB throws and nobody can catch it: in destructors and
 /// on its own threads. Only the first call counts.
-pub fn on_terminate(end: fn(&str) -> !) {
+pub(crate) fn on_terminate(end: fn(&str) -> !) {
     extern "C" fn called(what: *const std::ffi::c_char) {
         // SAFETY: the shim hands over a NUL-terminated text that lives until this returns, which it does not.
         let what = if what.is_null() { Vec::new() } else { unsafe { CStr::from_ptr(what) }.to_bytes().to_vec() };
@@ -67,7 +69,7 @@ pub fn on_terminate(end: fn(&str) -> !) {
 ///
 /// # Errors
 /// If the grid is one of these; the error says which, and how to obtain a fog volume.
-pub fn require_fog(grid: &Grid) -> Result<()> {
+pub(crate) fn require_fog(grid: &Grid) -> Result<()> {
     let (what, hint) = match grid.class {
         GridClass::FogVolume | GridClass::Unknown => return Ok(()),
         GridClass::LevelSet => {

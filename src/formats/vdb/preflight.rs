@@ -15,7 +15,7 @@ use std::path::Path;
 
 const MAGIC: i64 = 0x5644_4220;
 /// Newest file version that the linked library (10.0) reads.
-pub const NEWEST_VERSION: u32 = 224;
+pub(crate) const NEWEST_VERSION: u32 = 224;
 /// Oldest file version whose trees are walked; before it they have another layout (OpenVDB 1.1, 2013).
 const OLDEST_WALKED: u32 = 222;
 /// Oldest file version that is read; for older ones OpenVDB's reader has special cases that can no longer be tested.

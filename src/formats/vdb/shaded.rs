@@ -14,9 +14,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Name under which the extinction grid is written.
-pub const EXTINCTION: &str = "density";
+pub(crate) const EXTINCTION: &str = "density";
 /// Name of the emission grid.
-pub const EMISSION: &str = "emission";
+pub(crate) const EMISSION: &str = "emission";
 
 /// Writes a pre-shaded volume, and the grids `beside` it, to one file.
 ///

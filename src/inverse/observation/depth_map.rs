@@ -65,7 +65,7 @@ const FEWEST: usize = 8;
 
 /// The largest of the halvings of `stride` by which a picture of this size keeps at least 8 pixels along its shorter
 /// side; 1 for smaller pictures.
-pub fn stride_within(stride: usize, width: usize, height: usize) -> usize {
+pub(crate) fn stride_within(stride: usize, width: usize, height: usize) -> usize {
     let shorter = width.min(height);
     let mut stride = stride.max(1);
     while stride > 1 && shorter / stride < FEWEST {
@@ -91,7 +91,7 @@ impl DepthMap {
     }
 
     /// Counts pixels as showing something that lie within `margin` rows and columns of one that does.
-    pub fn widen_silhouette(&mut self, margin: usize) {
+    pub(crate) fn widen_silhouette(&mut self, margin: usize) {
         let (w, h) = (self.width, self.height);
         let near = |i: usize, end: usize| i.saturating_sub(margin)..(i + margin + 1).min(end);
         let rows: Vec<bool> = (0..w * h).map(|i| near(i % w, w).any(|x| self.shown[i / w * w + x])).collect();
@@ -99,7 +99,7 @@ impl DepthMap {
     }
 
     /// Returns the stride of [`stride_within`] for this map.
-    pub fn stride_within(&self, stride: usize) -> usize {
+    pub(crate) fn stride_within(&self, stride: usize) -> usize {
         stride_within(stride, self.width, self.height)
     }
 

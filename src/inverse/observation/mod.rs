@@ -34,18 +34,7 @@ impl Observation {
     /// # Errors
     /// Those of [`Observation::gather`].
     pub fn new(photos: &[Photo], background: [f32; 3], source: [f32; 3]) -> Result<Self> {
-        Self::from_channels(photos, Channels::Colors { background, source })
-    }
-
-    /// Reads transmittances off alpha alone, whatever the colors are.
-    ///
-    /// # Errors
-    /// Those of [`Observation::gather`].
-    pub fn by_alpha(photos: &[Photo]) -> Result<Self> {
-        Self::from_channels(photos, Channels::Alpha)
-    }
-
-    fn from_channels(photos: &[Photo], channels: Channels) -> Result<Self> {
+        let channels = Channels::Colors { background, source };
         Self::gather(photos.par_iter().map(|photo| Transmittances::new(photo, channels)).collect(), channels)
     }
 
@@ -53,7 +42,7 @@ impl Observation {
     ///
     /// # Errors
     /// If only alpha tells the medium from the background and is 1 everywhere, or a picture is mostly not finite.
-    pub fn gather(pictures: Vec<Transmittances>, channels: Channels) -> Result<Self> {
+    pub(crate) fn gather(pictures: Vec<Transmittances>, channels: Channels) -> Result<Self> {
         if channels.need_alpha() && pictures.iter().all(|picture| picture.opaque) {
             return Err(without_alpha(channels));
         }
@@ -79,7 +68,7 @@ impl Observation {
 
     /// Widens all silhouettes by a thirty-second of the pictures' shorter side, and returns them as they were: cameras
     /// that are a little off would cut one another's.
-    pub fn widen_silhouettes(&mut self) -> Vec<Vec<bool>> {
+    pub(crate) fn widen_silhouettes(&mut self) -> Vec<Vec<bool>> {
         let widen = |map: &mut DepthMap| {
             let before = map.shown.clone();
             map.widen_silhouette((map.width.min(map.height) / 32).max(1));

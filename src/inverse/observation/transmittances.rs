@@ -8,7 +8,7 @@ use crate::scene::camera::Camera;
 
 /// Channels of a picture that tell the transmittance.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Channels {
+pub(crate) enum Channels {
     /// The colors, and alpha where it is the more exact.
     Colors {
         /// Radiance behind the medium.
@@ -46,7 +46,7 @@ const EXACT: f64 = 1e-3;
 
 /// Transmittances of one picture with its own noise, before anything is known of other pictures.
 #[derive(Debug, Clone)]
-pub struct Transmittances {
+pub(crate) struct Transmittances {
     camera: Camera,
     width: usize,
     height: usize,

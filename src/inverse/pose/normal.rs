@@ -36,7 +36,7 @@ impl Frame {
     }
 
     /// Returns the displacement of a camera from another one.
-    pub fn displacement(&self, from: &Camera, to: &Camera) -> Pose {
+    pub(crate) fn displacement(&self, from: &Camera, to: &Camera) -> Pose {
         let own = |v: DVec3| self.axes.transpose() * v;
         let (r, p) = (own(from.rotation_to(to)), own(to.position() - from.position()) / self.distance);
         Pose::new(r.x, r.y, r.z, p.x, p.y, p.z)
@@ -80,7 +80,7 @@ impl Normal {
 
     /// With a Gaussian prior of standard deviation `1 / √weight` around a pose that lies `displacement` behind.
     #[must_use]
-    pub fn with_prior(mut self, displacement: &Pose, weight: f64) -> Self {
+    pub(crate) fn with_prior(mut self, displacement: &Pose, weight: f64) -> Self {
         self.matrix += weight * Square::identity();
         self.right -= weight * displacement;
         self.error += weight * displacement.norm_squared();
@@ -93,7 +93,7 @@ impl Normal {
     }
 
     /// Splits the matrix.
-    pub fn spectrum(&self) -> Spectrum {
+    pub(crate) fn spectrum(&self) -> Spectrum {
         let split = self.matrix.symmetric_eigen();
         let largest = split.eigenvalues.max();
         Spectrum { vectors: split.eigenvectors, values: split.eigenvalues, least: SINGULAR * largest }

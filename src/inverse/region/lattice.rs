@@ -36,14 +36,14 @@ pub fn coarser(lattice: &Affine, level: u32) -> Result<Affine> {
 
 /// Returns the number of levels above the finest, each of half the resolution, if the coarsest has at least `least`
 /// voxels along the longest edge.
-pub fn coarser_levels(lattice: &Affine, bounds: &Aabb, least: f64) -> u32 {
+pub(crate) fn coarser_levels(lattice: &Affine, bounds: &Aabb, least: f64) -> u32 {
     let longest = (bounds.size() / lattice.voxel_size()).max_element();
     (1..8).take_while(|l| longest / f64::from(1_u32 << l) >= least).count() as u32
 }
 
 /// Returns the number of levels that lead up to the finest: those of [`coarser_levels`], or, from a start
 /// on, as many as its voxels are coarser.
-pub fn levels_from(start: Option<&Affine>, lattice: &Affine, bounds: &Aabb, least: f64) -> u32 {
+pub(crate) fn levels_from(start: Option<&Affine>, lattice: &Affine, bounds: &Aabb, least: f64) -> u32 {
     let Some(start) = start else { return coarser_levels(lattice, bounds, least) };
     let ratio = (start.voxel_size() / lattice.voxel_size()).max_element();
     ratio.log2().round().clamp(0.0, 7.0) as u32

@@ -89,7 +89,7 @@ impl<'a, E: Equations> Solver<'a, E> {
     }
 
     /// Begins a new cycle of that many iterations with the next one, since the equations have changed.
-    pub fn begin_anew(&mut self, length: u32) {
+    pub(crate) fn begin_anew(&mut self, length: u32) {
         (self.left, self.length) = (0, length);
     }
 

@@ -40,10 +40,10 @@ use crate::error::{Error, Result};
 use serde::Serialize;
 
 /// Names of the channels, in the order in which pixels hold them.
-pub const CHANNELS: [&str; 4] = ["R", "G", "B", "A"];
+pub(crate) const CHANNELS: [&str; 4] = ["R", "G", "B", "A"];
 
 /// Upper bound in bytes per pixel of the memory that two estimates and their test take, while the second is read.
-pub const PIXEL_BYTES: u64 = 240;
+pub(crate) const PIXEL_BYTES: u64 = 240;
 
 /// Degrees of freedom of estimated variances.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,13 +86,6 @@ pub struct Estimate {
     pub freedom: Freedom,
     /// True if the variance of alpha is known.
     pub has_alpha: bool,
-}
-
-impl Estimate {
-    /// True if no variance is above 0.
-    pub fn is_noiseless(&self) -> bool {
-        self.variance.iter().flatten().all(|v| *v == 0.0)
-    }
 }
 
 /// Question that the tests answer.

@@ -5,7 +5,7 @@ use crate::scene::grid::LEAF_VOXELS;
 /// Bound of the work of a comparison of volumes on different lattices. (On one lattice all voxels are always compared,
 /// which takes a fraction of the time.)
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Effort {
+pub(crate) struct Effort {
     /// Largest number of blocks of 8³ voxels that are compared voxel by voxel.
     pub(super) blocks: usize,
 }

@@ -26,7 +26,8 @@ mod tape;
 pub(crate) use adjoint::Pass;
 pub(crate) use free_path::Walked;
 pub(crate) use free_path::density;
-pub use jacobian::{ByKnot, TableJacobian};
+pub(crate) use jacobian::ByKnot;
+pub use jacobian::TableJacobian;
 pub use tangent::Directions;
 pub use tape::Tape;
 
@@ -261,7 +262,7 @@ impl pulp::NullaryFnOnce for DepthWithin<'_, '_> {
 impl Dvr<'_, f32> {
     /// Returns the optical depth of the first `length` of a world ray of unit direction with exact quadrature, or, if
     /// that is more than `limit`, a depth of at least `limit`.
-    pub fn optical_depth_within(&self, ray: &Ray, length: f64, limit: f64, tape: &mut Tape<f32>) -> f64 {
+    pub(crate) fn optical_depth_within(&self, ray: &Ray, length: f64, limit: f64, tape: &mut Tape<f32>) -> f64 {
         self.arch.dispatch(DepthWithin { dvr: self, ray, length, limit, tape })
     }
 }
@@ -377,7 +378,7 @@ impl<'a, R: Real> Dvr<'a, R> {
     }
 
     /// Returns the transmittance at which a ray ends.
-    pub fn least_transmittance(&self) -> f64 {
+    pub(crate) fn least_transmittance(&self) -> f64 {
         (-self.depth_limit).exp()
     }
 
@@ -420,7 +421,7 @@ impl<'a, R: Real> Dvr<'a, R> {
     }
 
     /// Returns upper bounds of the extinction, computed on first use.
-    pub fn majorants(&self) -> &Majorants {
+    pub(crate) fn majorants(&self) -> &Majorants {
         self.majorants.get_or_init(|| Majorants::new(self.field, &self.medium))
     }
 
@@ -526,7 +527,7 @@ impl<R: Precision> Composited<Dvr<'_, R>> {
 
     /// Returns a bound of the error that the quadrature makes in any channel of a pixel, alpha included, beside
     /// rounding to the precision `R`; `None` for rules that state none.
-    pub fn quadrature_error(&self) -> Option<f64> {
+    pub(crate) fn quadrature_error(&self) -> Option<f64> {
         match (self.integrator.quadrature, &self.integrator.compiled) {
             (Quadrature::Preintegrated(tolerance), CompiledMedium::Table(..)) => Some(tolerance * self.unit()),
             _ => None,

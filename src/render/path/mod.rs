@@ -23,7 +23,8 @@ mod picture;
 mod tracking;
 
 pub(crate) use halves::VARIANCE_BYTES;
-pub use picture::{PIXEL_BYTES, PathFilm, Sampling, View};
+pub(crate) use picture::PIXEL_BYTES;
+pub use picture::{PathFilm, Sampling, View};
 
 use crate::arch::Arch;
 use crate::error::Result;

@@ -75,7 +75,7 @@ pub struct PathFilm {
 }
 
 /// Bytes of memory per pixel while a picture is traced.
-pub const PIXEL_BYTES: u64 = size_of::<Pixel>() as u64;
+pub(crate) const PIXEL_BYTES: u64 = size_of::<Pixel>() as u64;
 
 /// Length along the viewing axis where nothing is met, as Blender writes it.
 const NOWHERE: f32 = 1e10;

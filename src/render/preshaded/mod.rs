@@ -57,7 +57,7 @@ impl<'a, R: Real> Preshaded<'a, R> {
     }
 
     /// Returns the transmittance at which a ray ends.
-    pub fn least_transmittance(&self) -> f64 {
+    pub(crate) fn least_transmittance(&self) -> f64 {
         (-self.depth_limit).exp()
     }
 

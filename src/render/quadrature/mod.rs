@@ -57,7 +57,7 @@ impl Quadrature {
     pub const PREINTEGRATED: Self = Self::Preintegrated(1e-2);
 
     /// Pre-integration for descents, which average over many pixels; errors are mostly below a hundredth of the bound.
-    pub const COARSE: Self = Self::Preintegrated(1e-1);
+    pub(crate) const COARSE: Self = Self::Preintegrated(1e-1);
 
     /// Returns the default rule of a source: pre-integration through a transfer function of many knots, else exact
     /// quadrature, which costs little more then. Knots on a line between others do not count.
@@ -78,7 +78,7 @@ impl Quadrature {
 
     /// Returns the rule with its step, in voxels, replaced by a function of it; the rule itself if it has no step.
     #[must_use]
-    pub fn map_step(self, change: impl FnOnce(f64) -> f64) -> Self {
+    pub(crate) fn map_step(self, change: impl FnOnce(f64) -> f64) -> Self {
         match self {
             Self::Exact | Self::Preintegrated(_) => self,
             Self::Midpoint(step) => Self::Midpoint(change(step)),
@@ -87,7 +87,7 @@ impl Quadrature {
     }
 
     /// True for pre-integration with any tolerance.
-    pub fn is_preintegrated(self) -> bool {
+    pub(crate) fn is_preintegrated(self) -> bool {
         matches!(self, Self::Preintegrated(_))
     }
 }
@@ -142,7 +142,7 @@ impl fmt::Display for Quadrature {
 }
 
 /// Cuts spans into segments; `C` is the number of channels of the source, 1 or 3.
-pub trait Rule<R: Real, const C: usize>: Copy + Sync {
+pub(crate) trait Rule<R: Real, const C: usize>: Copy + Sync {
     /// Type of the segments.
     type Segment: Copy;
     /// Appends the segments of at most [`BATCH`](crate::render::march::BATCH) spans, near to far, with the densities in
@@ -160,7 +160,7 @@ pub trait Rule<R: Real, const C: usize>: Copy + Sync {
 }
 
 /// Cuts spans into cells with weights, for optical depths alone.
-pub trait DepthRule<R: Real>: Copy + Sync {
+pub(crate) trait DepthRule<R: Real>: Copy + Sync {
     /// Appends the cells of at most [`BATCH`](crate::render::march::BATCH) spans of one ray.
     fn cells(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>);
 }
