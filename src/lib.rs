@@ -6,7 +6,8 @@
 //! Data flows along the arrows: `scene` knows no file format, `differentiate` and `inverse` know renderers through
 //! [`Differentiable`](render::differentiable::Differentiable), and `differentiate` does not know what `inverse` asks
 //! its gradients for; `denoise`, `formats`, `metrics` and `report` know no renderer. Only [`render::tiles`] distributes
-//! rays and pixels over threads. [`app`] holds the use cases, which know no command line.
+//! rays and pixels over threads. [`app`] holds the use cases, which know no command line. [`prelude`] has what most
+//! programs need.
 //!
 //! # Conventions
 //! - World space is right-handed, in the VDB's world units. Extinction is per world unit of length.
@@ -31,6 +32,7 @@ pub mod math;
 pub mod metrics;
 pub mod ordered;
 pub mod plan;
+pub mod prelude;
 pub mod process;
 pub mod real;
 pub mod render;

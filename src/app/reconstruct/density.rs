@@ -38,6 +38,26 @@ use std::path::{Path, PathBuf};
 /// Settings of a reconstruction of densities.
 ///
 /// The pictures' density scale is divided out, so that the result stands beside the volume that was rendered.
+///
+/// ```
+/// use cumulo::prelude::*;
+/// # let folder = tempfile::tempdir()?;
+/// # let (shots, found) = (folder.path().join("shots"), folder.path().join("found.vdb"));
+/// # let pictures = PictureSettings { input: "fixtures/plume.vdb".into(), views: Some(6), ..PictureSettings::default() };
+/// # let pictures = PictureSettings { size: Some([24, 24]), ..pictures };
+/// # RenderSettings { output: shots.clone(), pictures, ..RenderSettings::default() }.run(&Context::default())?;
+/// let settings = DensitySettings {
+///     capture: shots,
+///     output: found.clone(),
+///     region: RegionSettings { resolution: Some(16), ..RegionSettings::default() },
+///     ..DensitySettings::default()
+/// };
+/// let run = settings.run(&Context::default())?;
+/// assert!(run.train_psnr_db > Some(30.0), "{run}");
+/// let grid = Vdb::open(&found, Limits::default())?.read_fog(Some("density"))?;
+/// # assert!(grid.active_box().size().min_element() > 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct DensitySettings {

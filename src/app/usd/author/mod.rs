@@ -37,6 +37,23 @@ const MAX_BYTES: u64 = 1 << 28;
 /// The stage is text (.usda). Its paths are relative to it; a sequence has the numbers of its frames as time codes. The
 /// medium stands at the volume as attributes `cumulo:…`, and as materials for other renderers in the variant set
 /// `renderer`.
+///
+/// A stage is rendered as a VDB is:
+///
+/// ```
+/// use cumulo::prelude::*;
+/// # let folder = tempfile::tempdir()?;
+/// # let (stage, picture) = (folder.path().join("smoke.usda"), folder.path().join("smoke.exr"));
+/// let input = std::fs::canonicalize("fixtures/plume.vdb")?;
+/// let author = AuthorSettings { input, output: stage.clone(), density_scale: Some(4.0), ..AuthorSettings::default() };
+/// author.run(&Context::default())?;
+///
+/// let pictures = PictureSettings { input: stage, views: Some(1), size: Some([32, 32]), ..PictureSettings::default() };
+/// let render = RenderSettings { output: picture.clone(), pictures, ..RenderSettings::default() };
+/// println!("{}", render.run(&Context::default())?);
+/// assert!(picture.exists());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct AuthorSettings {
