@@ -149,6 +149,6 @@ pub(crate) fn held_out(count: Option<usize>, views: usize, enough: usize) -> Res
 }
 
 /// Returns the numbers of the views that a report shows: at most [`MOST_VIEWS`] of `views`, those held out first.
-pub(crate) fn shown(views: usize, held_out: &[usize]) -> Vec<usize> {
+pub(crate) fn report_views(views: usize, held_out: &[usize]) -> Vec<usize> {
     choose(&(0..views).map(|i| held_out.contains(&i)).collect::<Vec<_>>(), MOST_VIEWS)
 }

@@ -193,7 +193,7 @@ mod tests {
         let mut lookahead = Lookahead::default();
         let mut aheads = vec![Ahead::default(); pictures.len()];
         for (i, ahead) in aheads.iter_mut().enumerate().rev() {
-            lookahead.look(&frame(i), ahead).unwrap();
+            lookahead.observe(&frame(i), ahead).unwrap();
         }
         let mut denoiser = Denoiser::new(Method::Wrls2, Settings::default()).unwrap();
         for (i, ahead) in aheads.iter().enumerate() {
@@ -370,7 +370,7 @@ mod tests {
                 let motion = vec![Vec2::new(0.3, -0.2); alpha.len()];
                 let frame = Frame { size, color: &color, motion: Some(&motion), alpha: Some(&alpha), ahead: None };
                 let mut ahead = Ahead::default();
-                lookahead.look(&frame, &mut ahead).unwrap();
+                lookahead.observe(&frame, &mut ahead).unwrap();
                 denoiser.denoise(&Frame { ahead: Some(&ahead), ..frame }).unwrap()
             };
             pool.install(|| (0..4).map(&mut denoise).collect::<Vec<_>>())

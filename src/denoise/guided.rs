@@ -188,7 +188,7 @@ impl GuidedDenoiser {
         let is_ahead = frame.ahead.is_some_and(|ahead| ahead.frames() > 0);
         let bases = [!past.is_fresh, is_ahead, outline.alpha.is_some()];
         let kept = if bases == self.state.bases { FORGETTING } else { FORGETTING_AT_ENDS };
-        let known = Known { smoothing, motions, blocks: &self.state.blocks, kept, grid };
+        let known = LearningInputs { smoothing, motions, blocks: &self.state.blocks, kept, grid };
         let band = super::band_rows(height);
         let taken = features.par_chunks_mut(band * groups).zip(own.par_chunks_mut(band * groups));
         let learned = colors.par_chunks_mut(band * groups).zip(differences.par_chunks_mut(band * groups));
@@ -295,7 +295,7 @@ impl RowSums {
 }
 
 /// State and inputs when a frame is learned.
-struct Known<'k> {
+struct LearningInputs<'k> {
     smoothing: Smoothing<'k>,
     /// Mean motions of the blocks.
     motions: &'k [Vec2],
@@ -308,7 +308,7 @@ struct Known<'k> {
 
 /// Learns a band of rows.
 struct Learn<'a> {
-    known: &'a Known<'a>,
+    known: &'a LearningInputs<'a>,
     top: usize,
     rows: Rows<'a>,
     /// Sums after this frame, block by block and plane after plane.
@@ -325,7 +325,7 @@ impl pulp::NullaryFnOnce for Learn<'_> {
     fn call(self) {
         let Self { known, top, rows, blocks, planes, of_rows, scratch } = self;
         let Rows { pixels, features, histories, colors, differences } = rows;
-        let Known { smoothing, motions, grid, kept, .. } = *known;
+        let LearningInputs { smoothing, motions, grid, kept, .. } = *known;
         let Histories { frame, arch, .. } = smoothing.histories;
         let groups = vectors(frame.size[0]);
         for (row, blocks) in blocks.chunks_mut(grid.columns).enumerate() {

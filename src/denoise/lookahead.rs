@@ -40,7 +40,7 @@ impl Lookahead {
     ///
     /// # Errors
     /// If the frame does not have as many colors, motions or alphas as pixels.
-    pub fn look(&mut self, frame: &Frame<'_>, ahead: &mut Ahead) -> Result<()> {
+    pub fn observe(&mut self, frame: &Frame<'_>, ahead: &mut Ahead) -> Result<()> {
         frame.check()?;
         let [width, height] = frame.size;
         if self.size != frame.size {
@@ -59,7 +59,7 @@ impl Lookahead {
         let differences = ahead.differences.par_chunks_mut(band * vectors(width));
         let bands = ahead.data.par_chunks_mut(band * len).zip(self.next.par_chunks_mut(band * width)).zip(differences);
         let extremes = bands.enumerate().map_init(Scratch::default, |scratch, (at, ((data, pixels), differences))| {
-            arch.dispatch(Look { histories, top: at * band, scratch, data, pixels, differences })
+            arch.dispatch(ObserveBand { histories, top: at * band, scratch, data, pixels, differences })
         });
         // The least and the largest of numbers do not depend on their order.
         let extremes = extremes.reduce(|| [0.0; 2], |a, b| [a[0].min(b[0]), a[1].max(b[1])]);
@@ -80,7 +80,7 @@ struct Scratch {
 }
 
 /// Looks at a band of rows.
-struct Look<'a> {
+struct ObserveBand<'a> {
     histories: Histories<'a>,
     top: usize,
     scratch: &'a mut Scratch,
@@ -90,7 +90,7 @@ struct Look<'a> {
     differences: &'a mut [Halved],
 }
 
-impl pulp::NullaryFnOnce for Look<'_> {
+impl pulp::NullaryFnOnce for ObserveBand<'_> {
     /// Least and largest color of the next state.
     type Output = [f32; 2];
 

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 /// Lens and mask between a view's pinhole camera and its picture.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Optics {
+pub struct LensAndMask {
     /// Lens distortion.
     pub lens: Lens,
     /// Radius in pixels around the principal point beyond which the picture holds nothing.
@@ -16,7 +16,7 @@ pub struct Optics {
     pub mask: Option<PathBuf>,
 }
 
-impl Optics {
+impl LensAndMask {
     /// Checks that pictures can be used as they are.
     ///
     /// # Errors
@@ -41,8 +41,8 @@ impl Optics {
 pub struct StatedCapture {
     /// Cameras without their lenses, pictures, and the model.
     pub capture: Capture,
-    /// Optics of each view.
-    pub optics: Vec<Optics>,
+    /// Lens and mask of each view.
+    pub optics: Vec<LensAndMask>,
 }
 
 impl StatedCapture {
@@ -51,7 +51,7 @@ impl StatedCapture {
     /// # Errors
     /// If a picture is distorted or masked; the error names the first such frame.
     pub fn direct(self) -> Result<Capture> {
-        let fault = |(i, optics): (usize, &Optics)| optics.direct().map_err(|e| e.part(format!("frame {i}")));
+        let fault = |(i, optics): (usize, &LensAndMask)| optics.direct().map_err(|e| e.part(format!("frame {i}")));
         self.optics.iter().enumerate().try_for_each(fault)?;
         Ok(self.capture)
     }

@@ -6,7 +6,7 @@
 //! (1 - q)` (the Neumann series of the radiative transfer equation in the maximum norm). A source whose radiance is
 //! nowhere above R never makes more than R, however often it is scattered.
 
-use crate::scene::light::Most;
+use crate::scene::light::LightBounds;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::phase::Phase;
 use glam::{DVec3, Vec3};
@@ -67,7 +67,7 @@ impl Media {
     }
 
     /// Returns the bound of light from a source of which so much arrives at most.
-    pub(crate) fn of(&self, most: Most) -> Bound {
+    pub(crate) fn of(&self, most: LightBounds) -> Bound {
         let first = most.radiance.as_dvec3().min(self.peak * most.fluence.as_dvec3());
         Bound { first, all: most.radiance.as_dvec3() }
     }
@@ -119,7 +119,7 @@ mod tests {
         }
         let thick = Media::new([&medium(1.0, Phase::HenyeyGreenstein(0.9))].into_iter(), 1000.0);
         assert_eq!(thick.orders_from(white, 5), DVec3::ONE);
-        let sun = thick.of(Most { radiance: Vec3::INFINITY, fluence: Vec3::ONE });
+        let sun = thick.of(LightBounds { radiance: Vec3::INFINITY, fluence: Vec3::ONE });
         assert!((sun.first.x - 1.9 / (4.0 * PI * 0.01)).abs() < 1e-9);
         assert_eq!(thick.orders_from(sun, 5), DVec3::INFINITY);
         let dark = Bound { first: DVec3::ZERO, all: DVec3::ZERO };

@@ -19,7 +19,7 @@ const EDGE: usize = 8;
 /// axis of index space in which it is steepest, and moves sideways by one block in each of them at most. The bound is
 /// the greatest sum of the blocks' majorants over all such chains, bent ones among them, times the length that a ray
 /// may have in a layer.
-pub(crate) fn most<R: Real>(field: &Bricks<R>, medium: &Medium) -> f64 {
+pub(crate) fn largest<R: Real>(field: &Bricks<R>, medium: &Medium) -> f64 {
     let (min, max) = field.topology.places().fold((IVec3::MAX, IVec3::MIN), |(a, b), (at, _)| (a.min(at), b.max(at)));
     if min.x > max.x {
         return 0.0;
@@ -153,7 +153,7 @@ mod tests {
             let owned: Vec<f32> = (0..topology.len() * 512).map(value).collect();
             topology.fill_apron(&owned, &mut field.values);
             let dvr = Dvr::new(&field, Medium::absorbing(0.1)).unwrap().early_stop(0.0);
-            let bound = most(&field, &Medium::absorbing(0.1));
+            let bound = largest(&field, &Medium::absorbing(0.1));
             let (bounds, mut deepest) = (field.world_bounds(), 0.0_f64);
             let golden = DVec3::new(0.754_877_666, 0.569_840_29, 0.438_579_02);
             for i in 0..4000 {
@@ -171,6 +171,6 @@ mod tests {
     fn nothing_has_no_depth() {
         let topology = Arc::new(Topology::new([]).unwrap());
         let field: Bricks<f32> = Bricks::zeros(topology, Affine::uniform(1.0, DVec3::ZERO).unwrap());
-        assert_eq!(most(&field, &Medium::absorbing(1.0)), 0.0);
+        assert_eq!(largest(&field, &Medium::absorbing(1.0)), 0.0);
     }
 }

@@ -57,7 +57,7 @@ impl Measured {
         let (mut depths, mut bound) = (Vec::new(), 0.0);
         for (field, medium) in &densities {
             let dvr = Dvr::new(field, medium.densest_channel())?.early_stop(0.0);
-            bound += depth::most(field, medium);
+            bound += depth::largest(field, medium);
             depths.push(scale::depths(&dvr, cameras));
         }
         // Where several volumes are, the deepest tells more than a sum of percentiles of different rays would.

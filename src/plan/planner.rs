@@ -73,8 +73,8 @@ impl<'p> Planner<'p> {
             emission: of_media
                 .emission(fields().map(|(field, medium)| (medium, f64::from(field.range().1))))
                 .and(scene.volumes.iter().filter_map(Volume::emission).map(brightest).sum()),
-            environment: of_media.of(scene.environment.most()),
-            lights: scene.lights.iter().map(|light| of_media.of(light.most(within))).collect(),
+            environment: of_media.of(scene.environment.bounds()),
+            lights: scene.lights.iter().map(|light| of_media.of(light.bounds(within))).collect(),
             omitted: DVec3::ZERO,
             effects: Vec::new(),
             limits: request.limits,

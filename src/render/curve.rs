@@ -71,7 +71,7 @@ pub(crate) struct Side<const C: usize> {
 impl<const C: usize> Side<C> {
     /// Returns extinction, and extinction times source by channel, on this side of a step; then the same quantities
     /// minus their means over a linear ramp to the other side.
-    pub(crate) fn beside(&self, other: &Self) -> [(f64, [f64; C]); 2] {
+    pub(crate) fn sides(&self, other: &Self) -> [(f64, [f64; C]); 2] {
         let (a, b) = (self, other);
         let emitted = std::array::from_fn(|c| a.extinction * a.source[c]);
         // The mean of a product of two linear functions.

@@ -243,7 +243,7 @@ pub(crate) fn spans<R: Real>(
         let nearest = walk.next[0].lesser(walk.next[1]).lesser(walk.next[2]);
         let until = nearest.lesser(walk.end);
         if until > walk.now {
-            match topology.look(IVec3::from_array(walk.brick)) {
+            match topology.lookup(IVec3::from_array(walk.brick)) {
                 Ok(number) => {
                     let (start, end) = if reverse { (-until, -walk.now) } else { (walk.now, until) };
                     let local = |a: usize| {
@@ -391,7 +391,7 @@ mod tests {
             let n = 2000;
             let step = (ray.leave - ray.enter) / f64::from(n);
             let at = |i: i32| (ray.at(ray.enter + (f64::from(i) + 0.5) * step) / 8.0).floor().as_ivec3();
-            let sampled = (0..n).filter(|i| masked.look(at(*i)).is_ok()).count() as f64 * step;
+            let sampled = (0..n).filter(|i| masked.lookup(at(*i)).is_ok()).count() as f64 * step;
             prop_assert!((seen - sampled).abs() < 1e-9 + 2.0 * step * (near.len() + 1) as f64, "{} {}", seen, sampled);
         }
     }

@@ -46,7 +46,7 @@ impl Sampler {
 
     /// Returns the next four numbers in [0, 1) that are even over the samples of a pixel.
     #[inline]
-    pub fn even(&mut self) -> [f64; 4] {
+    pub fn stratified(&mut self) -> [f64; 4] {
         if self.sets == SETS {
             return std::array::from_fn(|_| self.uniform());
         }
@@ -81,7 +81,7 @@ mod tests {
     fn numbers_depend_on_seed_pixel_and_sample_alone() {
         let first = |seed, pixel, sample| {
             let mut sampler = Sampler::new(seed, pixel, sample);
-            (sampler.even(), sampler.uniform())
+            (sampler.stratified(), sampler.uniform())
         };
         let one = first(1, [2, 3], 4);
         assert_eq!(one, first(1, [2, 3], 4));
@@ -100,7 +100,7 @@ mod tests {
         let near = |value: f64, expected: f64, deviation: f64| {
             assert!((value - expected).abs() < 5.0 * deviation / f64::from(draws as u32).sqrt(), "{value} {expected}");
         };
-        for draw in [Sampler::uniform, |s: &mut Sampler| s.even()[3]] {
+        for draw in [Sampler::uniform, |s: &mut Sampler| s.stratified()[3]] {
             near(all(draw)(1), 0.5, 0.3);
             near(all(draw)(2), 1.0 / 3.0, 0.3);
         }
@@ -117,7 +117,7 @@ mod tests {
                 let mut seen = [false; 64];
                 for sample in 0..64 {
                     let mut sampler = Sampler::new(5, [9, 9], sample);
-                    let numbers = (0..=set).map(|_| sampler.even()).last().unwrap_or_default();
+                    let numbers = (0..=set).map(|_| sampler.stratified()).last().unwrap_or_default();
                     seen[(64.0 * numbers[dimension]) as usize] = true;
                 }
                 assert!(seen.iter().all(|s| *s), "{set} {dimension}");

@@ -23,7 +23,7 @@ const MOST_PIXELS: usize = 96;
 
 /// A quantity that is shown beside the volume, at the same places.
 #[derive(Debug, Clone, Copy)]
-pub struct Beside<'b> {
+pub struct CompanionVolume<'b> {
     /// Name of the quantity.
     pub label: &'b str,
     /// Values, on any lattice.
@@ -48,7 +48,7 @@ pub(crate) fn sliders(
     quantity: &str,
     volume: &Bricks<f32>,
     reference: Option<&Bricks<f32>>,
-    beside: &[Beside<'_>],
+    beside: &[CompanionVolume<'_>],
 ) -> Result<Markup> {
     let Some((voxels, centre)) = support(volume) else {
         return Ok(html! { p { "Zero everywhere." } });
@@ -95,7 +95,7 @@ fn panes(
     quantity: &str,
     own: Vec<Slice>,
     reference: Option<Vec<Slice>>,
-    beside: Vec<(&Beside<'_>, Vec<Slice>)>,
+    beside: Vec<(&CompanionVolume<'_>, Vec<Slice>)>,
 ) -> Vec<Pane> {
     let top = largest(own.iter().chain(reference.iter().flatten()));
     let apart: Option<Vec<Slice>> =

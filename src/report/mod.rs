@@ -19,7 +19,7 @@ mod thumbnails;
 mod views;
 mod wipe;
 
-pub use browse::{Beside, MOST_SLICES};
+pub use browse::{CompanionVolume, MOST_SLICES};
 pub(crate) use number::short;
 pub use plot::{Plot, Series};
 pub(crate) use sphere::{SphereMap, Walk};
@@ -95,7 +95,7 @@ impl Page {
         quantity: &str,
         volume: &Bricks<f32>,
         reference: Option<&Bricks<f32>>,
-        beside: &[Beside<'_>],
+        beside: &[CompanionVolume<'_>],
     ) -> Result<&mut Self> {
         let body = browse::sliders(quantity, volume, reference, beside)?;
         Ok(self.section(heading, body))

@@ -46,7 +46,7 @@ impl StripFrame {
     }
 
     /// All side by side, the differences last: width, height, three bytes a pixel.
-    fn beside(&self, scale: f64) -> (usize, usize, Vec<u8>) {
+    fn side_by_side(&self, scale: f64) -> (usize, usize, Vec<u8>) {
         let [width, height] = self.size();
         let mut parts: Vec<Vec<u8>> = self.pictures.iter().map(png::display_rgb8).collect();
         parts.push(heatmap::shade_rgb8(&self.differences, scale));
@@ -67,7 +67,7 @@ impl StripFrame {
 /// If there is no frame, or a picture has no pixels.
 pub(crate) fn draw(labels: &[&str], frames: &[StripFrame], rate: u16) -> Result<Markup> {
     let scale = scale(frames);
-    let drawn: Vec<(usize, usize, Vec<u8>)> = frames.iter().map(|frame| frame.beside(scale)).collect();
+    let drawn: Vec<(usize, usize, Vec<u8>)> = frames.iter().map(|frame| frame.side_by_side(scale)).collect();
     let (width, height) = drawn.first().map_or((0, 0), |(width, height, _)| (*width, *height));
     let pictures: Vec<&[u8]> = drawn.iter().map(|(.., rgb)| &rgb[..]).collect();
     let alt = format!("{} and the difference, side by side", labels.join(", "));
@@ -100,7 +100,7 @@ mod tests {
         let grey = |v: f32| Film::of(8, 4, vec![[v, v, v, 1.0]; 32]);
         let (dark, bright) = (grey(0.0), grey(1.0));
         let frame = StripFrame::new(&[&dark, &bright], 0);
-        let (width, height, rgb) = frame.beside(1.0);
+        let (width, height, rgb) = frame.side_by_side(1.0);
         assert_eq!((width, height, rgb.len()), (3 * 8 + 2 * GAP, 4, 3 * 4 * (24 + 2 * GAP)));
         assert_eq!((rgb[0], rgb[3 * (8 + GAP)], rgb[3 * (16 + 2 * GAP)]), (0, 255, 254));
         let page = draw(&["a", "b"], &[frame.clone(), frame], 12).unwrap().into_string();

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::scene::film::Film;
-use crate::scene::light::{Arrival, Most};
+use crate::scene::light::{Arrival, LightBounds};
 use glam::{DMat3, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -23,10 +23,11 @@ impl Environment {
     }
 
     /// Returns upper bounds of the light that arrives anywhere.
-    pub fn most(&self) -> Most {
+    pub fn bounds(&self) -> LightBounds {
         let constant = Vec3::from_array(self.radiance);
-        let map = self.map.as_ref().map_or(Most { radiance: Vec3::ZERO, fluence: Vec3::ZERO }, |map| map.most());
-        Most { radiance: constant + map.radiance, fluence: (4.0 * PI) as f32 * constant + map.fluence }
+        let map =
+            self.map.as_ref().map_or(LightBounds { radiance: Vec3::ZERO, fluence: Vec3::ZERO }, |map| map.bounds());
+        LightBounds { radiance: constant + map.radiance, fluence: (4.0 * PI) as f32 * constant + map.fluence }
     }
 
     /// Returns the radiance that arrives from a direction, given by a unit vector towards it.
@@ -101,7 +102,7 @@ impl EnvironmentMap {
     }
 
     /// Returns upper bounds of the light that arrives anywhere.
-    fn most(&self) -> Most {
+    fn bounds(&self) -> LightBounds {
         let [width, height] = self.size;
         let pixel = TAU / width as f64 * PI / height as f64;
         let (mut radiance, mut fluence) = (Vec3::ZERO, DVec3::ZERO);
@@ -117,7 +118,7 @@ impl EnvironmentMap {
                 fluence += spread * widest * pixel * v.as_dvec3();
             }
         }
-        Most { radiance, fluence: fluence.as_vec3() * (1.0 + 1e-6) }
+        LightBounds { radiance, fluence: fluence.as_vec3() * (1.0 + 1e-6) }
     }
 
     /// Returns the radiance that arrives from a direction, interpolated between the centres of pixels.

@@ -62,7 +62,7 @@ pub struct Arrival {
 
 /// Upper bounds of the light that arrives anywhere in a box from one source.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Most {
+pub struct LightBounds {
     /// Radiance from any direction; infinite for lights without extent.
     pub radiance: Vec3,
     /// Fluence rate, the integral of the radiance over all directions.
@@ -130,13 +130,15 @@ impl Light {
     }
 
     /// Returns upper bounds of the light that arrives in a box.
-    pub fn most(&self, within: Aabb) -> Most {
+    pub fn bounds(&self, within: Aabb) -> LightBounds {
         let distance = |to: DVec3| (to.clamp(within.min, within.max) - to).length();
-        let extended =
-            |radiance: Vec3, solid_angle: f64| Most { radiance, fluence: radiance * solid_angle.min(4.0 * PI) as f32 };
+        let extended = |radiance: Vec3, solid_angle: f64| LightBounds {
+            radiance,
+            fluence: radiance * solid_angle.min(4.0 * PI) as f32,
+        };
         match *self {
             Self::Sun { irradiance, angle, .. } => match (0.25 * angle).sin() {
-                0.0 => Most { radiance: unlimited(irradiance), fluence: irradiance },
+                0.0 => LightBounds { radiance: unlimited(irradiance), fluence: irradiance },
                 half_sine => extended(irradiance / disc(half_sine) as f32, cone(half_sine)),
             },
             Self::Point { position, intensity } => {
@@ -144,7 +146,7 @@ impl Light {
                 // From nearby, infinite; from far away, the square must not round to 0.
                 let fluence = intensity * (1.0 / (nearest * nearest)) as f32;
                 let black = intensity.cmpeq(Vec3::ZERO);
-                Most { radiance: unlimited(intensity), fluence: Vec3::select(black, Vec3::ZERO, fluence) }
+                LightBounds { radiance: unlimited(intensity), fluence: Vec3::select(black, Vec3::ZERO, fluence) }
             }
             Self::Sphere { centre, radius, radiance } => {
                 let half_sine = half_sine_of_sphere(distance(centre), radius);

@@ -96,7 +96,7 @@ pub fn stepped(axes: &DMat3, step: DVec2) -> DMat3 {
 /// counts are spread evenly.
 pub fn starts(count: usize, up: Up) -> Vec<DVec3> {
     if count != 8 {
-        return spread(count, up);
+        return fibonacci(count, up);
     }
     let corner = |i: usize| {
         let (y, x) = (FRAC_PI_4 * (2 * (i % 4) + 1) as f64).sin_cos();
@@ -107,7 +107,7 @@ pub fn starts(count: usize, up: Up) -> Vec<DVec3> {
 }
 
 /// Unit vectors spread evenly over the sphere: a Fibonacci lattice about the up axis.
-pub fn spread(count: usize, up: Up) -> Vec<DVec3> {
+pub fn fibonacci(count: usize, up: Up) -> Vec<DVec3> {
     (0..count).map(|i| Up::Z.turn(up) * orbit::direction(i, count, Layout::Sphere)).collect()
 }
 
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn frames_are_upright_but_at_the_poles() {
-        for d in spread(50, Up::Z).into_iter().chain([DVec3::Z, DVec3::NEG_Z]) {
+        for d in fibonacci(50, Up::Z).into_iter().chain([DVec3::Z, DVec3::NEG_Z]) {
             let axes = levelled(&upright(d, Up::Z), Up::Z);
             assert!(rigid(&axes) && axes.z_axis.abs_diff_eq(d, 1e-14));
             assert!(axes.x_axis.z.abs() < 1e-14, "{d}");

@@ -240,7 +240,7 @@ impl TableGradient {
     }
 
     /// Sets all derivatives to zero, for a table of so many knots.
-    pub fn clear(&mut self, knots: usize) {
+    pub fn reset(&mut self, knots: usize) {
         self.pieces.clear();
         self.pieces.resize(knots + 1, [[0.0; 4]; 2]);
         self.steps.clear();

@@ -175,7 +175,7 @@ impl Topology {
     /// # Errors
     /// If there is no brick: a Chebyshev distance in bricks within which there is none either (0 if unknown).
     #[inline(always)]
-    pub(crate) fn look(&self, brick: IVec3) -> Result<u32, i32> {
+    pub(crate) fn lookup(&self, brick: IVec3) -> Result<u32, i32> {
         let Some(entry) = self.entry(brick) else { return Err(0) };
         match self.table[entry] {
             NONE => Err(self.clear.get(entry).map_or(0, |c| i32::from(*c))),

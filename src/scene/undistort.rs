@@ -42,7 +42,7 @@ impl Distorted<'_> {
             .hint("correct 'w' and 'h' together with 'fl_x', 'fl_y', 'cx' and 'cy'"));
         }
         let raster = self.raster();
-        let window = largest_rectangle(&self.seen(&raster), raster.size[0]).ok_or_else(|| {
+        let window = largest_rectangle(&self.visible(&raster), raster.size[0]).ok_or_else(|| {
             Error::invalid("no pixel of the undistorted picture lies within the distorted one")
                 .hint("check the coefficients of the lens, the focal lengths and the principal point")
         })?;
@@ -77,7 +77,7 @@ impl Distorted<'_> {
     }
 
     /// Tells for each pixel of the raster, row by row, whether the distorted picture shows its centre.
-    fn seen(&self, raster: &Raster) -> Vec<bool> {
+    fn visible(&self, raster: &Raster) -> Vec<bool> {
         let Camera { focal, centre, width, height, .. } = self.camera;
         let first = DVec2::new(raster.origin[0] as f64, raster.origin[1] as f64);
         let last = first + DVec2::new(f64::from(raster.size[0]), f64::from(raster.size[1]));

@@ -43,7 +43,7 @@ pub fn rows() -> Vec<Row> {
         Frame { size, color: &frames[at % frames.len()], motion: Some(&motion), alpha, ahead: None }
     };
     let (mut lookahead, mut ahead) = (Lookahead::default(), Ahead::default());
-    lookahead.look(&next(Some(&alpha)), &mut ahead).unwrap();
+    lookahead.observe(&next(Some(&alpha)), &mut ahead).unwrap();
     // Memory is used again, as where results are written and frames are many.
     let mut to: [Denoised; 4] = Default::default();
     let [both, one, plain, paper] = &mut to;
@@ -53,7 +53,7 @@ pub fn rows() -> Vec<Row> {
     let frame = |alpha| (*next.borrow_mut())(alpha);
     let alpha = Some(&alpha[..]);
     let seconds = turns::in_turn([
-        &mut || lookahead.look(&frame(alpha), &mut looked).unwrap(),
+        &mut || lookahead.observe(&frame(alpha), &mut looked).unwrap(),
         &mut || guided.denoise_into(&Frame { ahead: Some(&kept), ..frame(alpha) }, both).unwrap(),
         &mut || forward.denoise_into(&frame(alpha), one).unwrap(),
         &mut || alone.denoise_into(&frame(None), plain).unwrap(),

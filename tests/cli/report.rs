@@ -2,7 +2,7 @@
 
 use base64::Engine;
 use cumulo::math::Affine;
-use cumulo::report::{Beside, MOST_SLICES, Page, Plot, Series, Thumbnail, ViewRow};
+use cumulo::report::{CompanionVolume, MOST_SLICES, Page, Plot, Series, Thumbnail, ViewRow};
 use cumulo::scene::bricks::{BRICK, Bricks, EDGE, Topology};
 use cumulo::scene::film::Film;
 use glam::{DMat4, DVec3, IVec3};
@@ -350,7 +350,7 @@ fn slices<'a>(html: &'a str, label: &str, axis: &str) -> Vec<&'a str> {
 fn sliders_have_every_slice_of_every_quantity_and_show_one_without_a_script() {
     let lattice = Affine::uniform(0.5, DVec3::ZERO).unwrap();
     let (volume, reference) = (ball(lattice, 1.0), ball(lattice, 1.1));
-    let beside = [Beside { label: "confidence", volume: &reference, top: Some(1.0) }];
+    let beside = [CompanionVolume { label: "confidence", volume: &reference, top: Some(1.0) }];
     let mut page = Page::new("t", "s");
     page.browse("Slice by slice", "density", &volume, Some(&reference), &beside).unwrap();
     let html = page.html();

@@ -10,7 +10,7 @@ use cumulo::render::dvr::Dvr;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::grid::Grid;
 use cumulo::scene::medium::{Medium, Source};
-use cumulo::scene::sphere::{Sphere, spread, stepped, upright};
+use cumulo::scene::sphere::{Sphere, fibonacci, stepped, upright};
 use cumulo::scene::table::Table;
 use cumulo::scene::transfer::Transfer;
 use cumulo::scene::up::Up;
@@ -46,7 +46,7 @@ fn the_derivative_is_that_of_the_entropy() {
     for (name, source) in [("absorption", Source::Grey([0.0; 3])), ("transfer", Source::Transfer(Arc::new(table())))] {
         let dvr = Dvr::new(&smooth, Medium::new(0.7, source)).unwrap().over([1.0; 3]);
         let sphere = Sphere::around(&smooth.outline(), [48, 40], 35.0, Up::Z).unwrap();
-        for (i, direction) in spread(6, Up::Z).into_iter().chain([DVec3::Z, DVec3::NEG_Z]).enumerate() {
+        for (i, direction) in fibonacci(6, Up::Z).into_iter().chain([DVec3::Z, DVec3::NEG_Z]).enumerate() {
             let axes = stepped(&upright(direction, Up::Z), DVec2::new(0.05, -0.03));
             let camera = sphere.camera(&axes);
             let at = |step: DVec2| {

@@ -91,7 +91,7 @@ fn aheads(shots: &[Shot]) -> Vec<Ahead> {
         let mut ahead = Ahead::default();
         let (motion, alpha) = (Some(&shot.onward[..]), Some(&shot.alpha[..]));
         let frame = Frame { size: SIZE, color: &shot.noisy, motion, alpha, ahead: None };
-        lookahead.look(&frame, &mut ahead).unwrap();
+        lookahead.observe(&frame, &mut ahead).unwrap();
         ahead
     };
     let mut aheads: Vec<Ahead> = shots.iter().rev().map(&mut look).collect();
@@ -199,7 +199,7 @@ fn drawn(picture: Picture, deviation: f32, motion: Vec2, opaque: bool) -> Drawn 
     let mut look = |color: &Vec<Vec3>| {
         let mut ahead = Ahead::default();
         let frame = Frame { size: [SIDE; 2], color, motion: onward, alpha, ahead: None };
-        lookahead.look(&frame, &mut ahead).unwrap();
+        lookahead.observe(&frame, &mut ahead).unwrap();
         ahead
     };
     let mut aheads: Vec<Ahead> = frames.iter().rev().map(&mut look).collect();

@@ -162,7 +162,7 @@ fn the_adjoint_is_the_transpose() {
         for (i, ray) in rays(f.world_bounds(), 400, 12).iter().enumerate() {
             let w = fields::noise(i as u64);
             left += w * dvr.trace(ray, &mut tape);
-            tape.spread(w, &dvr, &mut transposed);
+            tape.accumulate(w, &dvr, &mut transposed);
         }
         let right: f64 = transposed.iter().zip(&f.values).map(|(g, v)| g.f64() * v.f64()).sum();
         assert!((left - right).abs() < tolerance * left, "{left} {right}");

@@ -151,7 +151,7 @@ fn spread_is_the_transpose() {
         let mut tape = Tape::default();
         let seen = Preshaded::<f64>::new(&other).trace(ray, &mut tape);
         let mut gradient = vec![DVec4::ZERO; base.values.len()];
-        tape.spread(by, &mut gradient);
+        tape.accumulate(by, &mut gradient);
         let forward: f64 = (0..3).map(|c| by[c] * seen.rgb[c]).sum();
         let backward: f64 = gradient.iter().zip(&other.values).map(|(g, v)| g.dot(*v)).sum();
         assert!((forward - backward).abs() < 1e-12 * (1.0 + forward.abs()), "{forward} {backward}");
@@ -335,7 +335,7 @@ fn what_else_is_asked_for_changes_nothing() {
         assert_eq!(renderer.vjp(&ray, &mut |_| WEIGHTS, Adjoint::Tape, sinks, &mut tape), seen);
         assert_eq!((by_ray, shared.background), followed(&volume, &ray));
         renderer.integrator.trace(&ray, &mut tape);
-        tape.spread([WEIGHTS[0], WEIGHTS[1], WEIGHTS[2]], &mut by_tape);
+        tape.accumulate([WEIGHTS[0], WEIGHTS[1], WEIGHTS[2]], &mut by_tape);
         for (a, b) in by_tape.iter().zip(&by_value) {
             assert!((a.truncate() - b.truncate()).abs().max_element() < 1e-14, "{a} {b}");
         }

@@ -20,7 +20,7 @@ use crate::formats::limits::Limits;
 use crate::formats::protected;
 use crate::formats::transforms::{self, FILE_NAME};
 use crate::formats::usd::{Stage, Views};
-use crate::formats::views::{Optics, StatedCapture};
+use crate::formats::views::{LensAndMask, StatedCapture};
 use crate::formats::{self, Format, captures, colmap, exr, picture};
 use crate::scene::capture::{Capture, Frame, Pictures};
 use crate::scene::color_space::ColorSpace;
@@ -124,7 +124,7 @@ impl CaptureSettings {
         let written = |view: &View| self.to == Target::Colmap || view.changes(&choices);
         let new: Vec<PathBuf> =
             views.iter().enumerate().filter(|(_, view)| written(view)).map(|(i, _)| picture(i)).collect();
-        self.spare(&main, &new, &provenance)?;
+        self.refuse_overwrite(&main, &new, &provenance)?;
         let mut batch = Batch::new();
         self.folders(&folder, &main).into_iter().try_for_each(|folder| batch.make_folder(&folder))?;
 
@@ -157,7 +157,7 @@ impl CaptureSettings {
         self.write(&capture, &main, &folder, &provenance, &mut batch)?;
         // Another run may have ended in the folder meanwhile.
         let _lock = atomic::lock_folder(&self.output);
-        self.spare(&main, &new, &provenance)?;
+        self.refuse_overwrite(&main, &new, &provenance)?;
         batch.commit()?;
         context.warn(&warnings);
         Ok(CaptureReport {
@@ -187,7 +187,7 @@ impl CaptureSettings {
     }
 
     /// Makes sure that the outputs replace neither inputs nor files that other settings wrote.
-    fn spare(&self, main: &Path, pictures: &[PathBuf], provenance: &Provenance) -> Result<()> {
+    fn refuse_overwrite(&self, main: &Path, pictures: &[PathBuf], provenance: &Provenance) -> Result<()> {
         pictures.iter().map(PathBuf::as_path).chain([main]).try_for_each(protected::check)?;
         if self.overwrite { Ok(()) } else { outputs::spare_captures(main, pictures, provenance) }
     }
@@ -227,7 +227,7 @@ impl CaptureSettings {
             views.size = Some(picture::header(&frame.picture)?.size.map(|side| side as u32));
         }
         let capture = stage.capture(&views)?;
-        let optics = vec![Optics::default(); capture.frames.len()];
+        let optics = vec![LensAndMask::default(); capture.frames.len()];
         Ok(StatedCapture { capture, optics })
     }
 

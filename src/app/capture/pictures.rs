@@ -6,7 +6,7 @@ use crate::formats::picture::{self, Header, Kind};
 use crate::formats::sequence::Pattern;
 use crate::formats::temporary::TemporaryFolder;
 use crate::formats::video;
-use crate::formats::views::{Optics, StatedCapture};
+use crate::formats::views::{LensAndMask, StatedCapture};
 use crate::ordered;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
@@ -124,7 +124,7 @@ impl VideoFrames {
 /// A view to be converted.
 pub(super) struct View<'v> {
     frame: &'v Frame,
-    optics: &'v Optics,
+    optics: &'v LensAndMask,
     header: Header,
     number: usize,
 }
@@ -137,7 +137,7 @@ impl<'v> View<'v> {
     /// becomes of that.
     pub(crate) fn all(stated: &'v StatedCapture, choices: &Choices) -> Result<Vec<Self>> {
         let views = stated.capture.frames.iter().zip(&stated.optics).enumerate();
-        let view = |(number, (frame, optics)): (usize, (&'v Frame, &'v Optics))| {
+        let view = |(number, (frame, optics)): (usize, (&'v Frame, &'v LensAndMask))| {
             let header = picture::header(&frame.picture)?;
             let [w, h] = header.size;
             if [frame.camera.width as usize, frame.camera.height as usize] != header.size {
@@ -196,7 +196,7 @@ impl<'v> View<'v> {
         if !self.distorted() {
             return Ok((*camera, film));
         }
-        let Optics { lens, crop_radius, .. } = *self.optics;
+        let LensAndMask { lens, crop_radius, .. } = *self.optics;
         Distorted { camera: *camera, lens, crop_radius, film: &film }.undistort().map_err(place)
     }
 }

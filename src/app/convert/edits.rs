@@ -57,7 +57,7 @@ impl UpTarget {
 
 impl Edits {
     /// Returns the settings by name, each with whether it is given.
-    pub(crate) fn given(&self) -> [(&'static str, bool); 8] {
+    pub(crate) fn stated(&self) -> [(&'static str, bool); 8] {
         [
             ("⟨filter⟩", self.filter.is_some()),
             ("⟨to⟩", self.to.is_some()),

@@ -18,7 +18,7 @@ impl ConvertSettings {
     /// Writes a grid over the box of its active voxels.
     pub(super) fn grid_to_image(&self, target: Target, context: &Context) -> Result<FileReport> {
         let limits = self.limits;
-        let beside = target.beside(&self.output);
+        let beside = target.companion(&self.output);
         let written = || std::iter::once(self.output.as_path()).chain(beside.as_deref());
         written().try_for_each(atomic::probe)?;
         let stage = context.stage("converting");

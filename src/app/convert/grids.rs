@@ -115,7 +115,7 @@ impl ConvertSettings {
         Ok((natives, grids))
     }
 
-    pub(super) fn chosen(&self, file: &File) -> Result<Vec<String>> {
+    pub(super) fn selected_grids(&self, file: &File) -> Result<Vec<String>> {
         if self.grid.is_empty() {
             return Ok(file.entries().iter().map(|e| e.name.clone()).collect());
         }

@@ -314,7 +314,7 @@ impl ConvertSettings {
             }
         }
         let of_one = ["⟨split⟩", "⟨merge⟩", "⟨up⟩", "⟨up_from⟩"];
-        match self.edits.given().iter().find(|(name, given)| *given && of_one.contains(name)) {
+        match self.edits.stated().iter().find(|(name, given)| *given && of_one.contains(name)) {
             Some((name, _)) => {
                 Err(Error::invalid(format!("{name} edits the grids of one file, and there are several"))
                     .at(second)
@@ -365,7 +365,7 @@ impl ConvertSettings {
             ("⟨origin⟩", images.origin.is_some(), placed),
             ("⟨transform⟩", images.transform.is_some(), placed),
         ];
-        let of_edits = self.edits.given().map(|(name, given)| (name, given, edits));
+        let of_edits = self.edits.stated().map(|(name, given)| (name, given, edits));
         match options.iter().chain(&of_edits).find(|(_, given, applies)| *given && !applies) {
             Some((name, ..)) => {
                 Err(Error::invalid(format!("{name} has no effect from {} to {}", from.name(), to.name()))

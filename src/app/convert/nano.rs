@@ -81,10 +81,10 @@ impl ConvertSettings {
         let limits = self.begin_nano(Content::NanoVdb)?;
         let stage = context.stage("converting");
         let file = File::open(&self.input, limits)?;
-        let texts = kept(&file)?;
+        let texts = carried_metadata(&file)?;
         let (mut volumes, mut places, mut notes) = (Vec::new(), Vec::new(), Vec::new());
         let mut held = 0;
-        for name in self.chosen(&file)? {
+        for name in self.selected_grids(&file)? {
             let native = file.read(&name)?;
             let left = Limits { max_memory: limits.max_memory.saturating_sub(held) };
             let mut volume = Volume::of_native(&native, left).map_err(|e| e.at(&self.input))?;
@@ -111,7 +111,7 @@ impl ConvertSettings {
 }
 
 /// Metadata of a VDB that its grids keep in a NanoVDB: its creator, and its up axis if anything in it states one.
-fn kept(file: &File) -> Result<BTreeMap<String, String>> {
+fn carried_metadata(file: &File) -> Result<BTreeMap<String, String>> {
     let mut texts = BTreeMap::new();
     for (name, value) in file.metadata()? {
         if let (true, MetaValue::Text(text)) = (nanovdb::KEPT.contains(&name.as_str()), value) {

@@ -1,6 +1,6 @@
 //! Frames at work: one thread reads ahead, one denoises, one writes behind.
 
-use super::held::Held;
+use super::held::ReadAhead;
 use super::motion::Motions;
 use super::passes::Directions;
 use super::plan::{Plan, Step};
@@ -104,7 +104,7 @@ impl Sequence<'_> {
     /// Reads the frames in the order of the plan.
     fn read(&self, plan: &Plan, motions: Motions<'_>, to: &SyncSender<Result<Shot>>, cancel: &Cancel) {
         let Self { settings, numbers, inputs, .. } = *self;
-        let held = Held::new(self.pixels, settings.limits);
+        let held = ReadAhead::new(self.pixels, settings.limits);
         let mut reader = Reader { settings, numbers, inputs, motions, held };
         for read in plan.reads() {
             // The denoiser hangs up when it is interrupted.
@@ -185,7 +185,7 @@ impl Sequence<'_> {
                     }
                     views.push((view.targets, denoised));
                 } else {
-                    directions.look(number, &view, keep)?;
+                    directions.observe(number, &view, keep)?;
                 }
             }
             done.seconds += started.elapsed().as_secs_f64();

@@ -11,13 +11,13 @@ const PIXEL_BYTES: u64 = 580;
 
 /// Files by place in the sequence.
 #[derive(Debug)]
-pub struct Held {
+pub struct ReadAhead {
     budget: u64,
     bytes: u64,
     documents: BTreeMap<usize, Document>,
 }
 
-impl Held {
+impl ReadAhead {
     /// Holds nothing of a sequence of so many pixels, of all layers together.
     pub fn new(pixels: usize, limits: Limits) -> Self {
         let all = PROCESS_BYTES.min(limits.max_memory / 2);

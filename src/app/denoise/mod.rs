@@ -397,7 +397,7 @@ impl DenoiseSettings {
         }
         let skipped = is_wanted.iter().zip(&write).filter(|(wanted, write)| **wanted && !**write).count();
         let pixels = self.pixels(&inputs);
-        let kept = plan::kept(pixels);
+        let kept = plan::frames_in_memory(pixels);
         let plan = Plan::new(&write, two_way, self.chunk, self.overlap as usize, kept);
         let sequence =
             frames::Sequence { numbers: &numbers, inputs: &inputs, outputs: &outputs, pixels, settings: self };

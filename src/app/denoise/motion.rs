@@ -132,7 +132,7 @@ pub struct Motions<'m> {
 }
 
 /// Frame whose motion is asked for.
-pub struct Asked<'a> {
+pub struct MotionRequest<'a> {
     pub document: &'a Document,
     /// Number of the view among the document's.
     pub view: usize,
@@ -161,7 +161,7 @@ impl<'m> Motions<'m> {
     ///
     /// # Errors
     /// If the layer, file or volume that was named is not there, or does not fit.
-    pub(crate) fn of(&mut self, asked: &Asked<'_>, cancel: &Cancel) -> Result<Moved> {
+    pub(crate) fn of(&mut self, asked: &MotionRequest<'_>, cancel: &Cancel) -> Result<Moved> {
         let document = asked.document;
         let name = match self.motion {
             Motion::None => return Ok(Moved::default()),
@@ -198,7 +198,7 @@ fn is_motion(document: &Document, layer: &LayerInfo) -> bool {
 }
 
 /// Returns the motion of a file of its own, in the view of the same name, and the alpha that is with it.
-fn of_file(moving: &Document, asked: &Asked<'_>) -> Result<Moved> {
+fn of_file(moving: &Document, asked: &MotionRequest<'_>) -> Result<Moved> {
     let header = moving.header();
     let view = match asked.document.header().views().get(asked.view) {
         None => 0,
@@ -233,7 +233,7 @@ fn of_planes([x, y]: [&[f32]; 2], after: Option<[&[f32]; 2]>, forward: bool) -> 
 }
 
 /// Returns the motion of a film of `cumulo motion`.
-fn of_film(film: &Film, asked: &Asked<'_>) -> Result<Moved> {
+fn of_film(film: &Film, asked: &MotionRequest<'_>) -> Result<Moved> {
     fits([film.width, film.height], asked.size)?;
     let [x, y, z, w] = ["X", "Y", "Z", "W"].map(|name| film.plane(&format!("Vector.{name}")).unwrap_or_default());
     let alpha = film.rgba.iter().map(|pixel| pixel[3]).collect();
@@ -250,7 +250,7 @@ fn fits(found: [usize; 2], size: [usize; 2]) -> Result<()> {
 }
 
 /// Returns the motion that a layer of a document, or the layer that corresponds to it in a view, has for a frame.
-fn of_layer(document: &Document, layer: &LayerInfo, view: usize, asked: &Asked<'_>) -> Result<Moved> {
+fn of_layer(document: &Document, layer: &LayerInfo, view: usize, asked: &MotionRequest<'_>) -> Result<Moved> {
     let header = document.header();
     let layer = header.counterpart(layer, view).ok_or_else(|| {
         Error::invalid(format!("the view '{}' has no motion that corresponds to it", header.views()[view]))

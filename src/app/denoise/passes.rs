@@ -149,7 +149,7 @@ impl Directions {
     ///
     /// # Errors
     /// If layers contradict their size.
-    pub(crate) fn look(&mut self, number: u32, view: &View, keep: bool) -> Result<()> {
+    pub(crate) fn observe(&mut self, number: u32, view: &View, keep: bool) -> Result<()> {
         let (motion, cut) = self.backward.next(number, view, self.find_cuts);
         if cut {
             self.lookaheads.iter_mut().for_each(Lookahead::reset);
@@ -158,7 +158,7 @@ impl Directions {
         let mut found = Vec::new();
         for (layer, lookahead) in view.layers.iter().zip(&mut self.lookaheads) {
             let mut ahead = self.spare.pop().unwrap_or_default();
-            lookahead.look(&frame(view, layer, motion.as_deref(), None), &mut ahead)?;
+            lookahead.observe(&frame(view, layer, motion.as_deref(), None), &mut ahead)?;
             found.push(ahead);
         }
         if keep {

@@ -44,7 +44,7 @@ const KEPT_BYTES: usize = 320 << 20;
 
 /// Returns how many frames of so many pixels, of all layers together, are looked at backwards before they are denoised:
 /// more take more memory and less time.
-pub(crate) fn kept(pixels: usize) -> usize {
+pub(crate) fn frames_in_memory(pixels: usize) -> usize {
     (KEPT_BYTES / Ahead::PIXEL_BYTES / pixels.max(1)).clamp(4, 32)
 }
 

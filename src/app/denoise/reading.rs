@@ -1,8 +1,8 @@
 //! Reading of frames: the layers of color that are denoised, view by view, and their motion. Gaps in alphas that are
 //! not denoised are filled in here.
 
-use super::held::Held;
-use super::motion::{Asked, Motions};
+use super::held::ReadAhead;
+use super::motion::{MotionRequest, Motions};
 use super::plan::Read;
 use super::shot::{Layer, Shot, Target, View};
 use super::{DenoiseSettings, Guide};
@@ -23,7 +23,7 @@ pub struct Reader<'r> {
     pub inputs: &'r [PathBuf],
     pub motions: Motions<'r>,
     /// Files that were read for the backward direction.
-    pub held: Held,
+    pub held: ReadAhead,
 }
 
 /// Alphas by part and channel, of which several layers may have the same.
@@ -50,7 +50,7 @@ impl Reader<'_> {
             let size = document.size(targets[0].part);
             let (layers, missing) = layers(&document, &targets, &mut alphas).map_err(|e| e.at(path))?;
             filled += missing;
-            let asked = Asked { document: &document, view: number, size, number: self.numbers[frame], forward };
+            let asked = MotionRequest { document: &document, view: number, size, number: self.numbers[frame], forward };
             let moved = self.motions.of(&asked, cancel).map_err(|e| e.at(path))?;
             let mut view = View { size, targets, layers, moved };
             contradiction = contradiction.max(self.guide(&mut view));

@@ -61,9 +61,9 @@ impl PictureSettings {
         }
         let all = pattern.and_then(|pattern| pattern.numbers().ok()).unwrap_or_else(|| numbers.to_vec());
         let mut outline = Vec::new();
-        for number in spread(&all) {
+        for number in evenly_spaced(&all) {
             let cameras = Cameras::Around(placed.unwrap_or_default());
-            let _ = self.look(pattern, number, (template, cameras), &mut settled, &mut outline);
+            let _ = self.measure(pattern, number, (template, cameras), &mut settled, &mut outline);
         }
         if let Some(up) = placed.filter(|_| !outline.is_empty()) {
             let [width, height] = self.size.unwrap_or(SIZE);
@@ -75,7 +75,7 @@ impl PictureSettings {
     }
 
     /// Looks at a frame.
-    fn look(
+    fn measure(
         &self,
         pattern: Option<&Pattern>,
         number: u32,
@@ -109,7 +109,7 @@ impl PictureSettings {
 }
 
 /// Returns numbers spread evenly over a sequence, the first and the last among them.
-fn spread(numbers: &[u32]) -> Vec<u32> {
+fn evenly_spaced(numbers: &[u32]) -> Vec<u32> {
     let count = numbers.len().min(FRAMES);
     let last = numbers.len().saturating_sub(1);
     (0..count).filter_map(|k| numbers.get(k * last / count.saturating_sub(1).max(1)).copied()).collect()
@@ -130,9 +130,9 @@ mod tests {
 
     #[test]
     fn frames_are_spread_over_the_sequence() {
-        assert!(spread(&[]).is_empty());
-        assert_eq!(spread(&[7]), [7]);
-        assert_eq!(spread(&[1, 2, 3]), [1, 2, 3]);
-        assert_eq!(spread(&(1..=101).collect::<Vec<_>>()), [1, 26, 51, 76, 101]);
+        assert!(evenly_spaced(&[]).is_empty());
+        assert_eq!(evenly_spaced(&[7]), [7]);
+        assert_eq!(evenly_spaced(&[1, 2, 3]), [1, 2, 3]);
+        assert_eq!(evenly_spaced(&(1..=101).collect::<Vec<_>>()), [1, 26, 51, 76, 101]);
     }
 }

@@ -272,14 +272,14 @@ impl PoseSettings {
             return Ok((volume::read_pre_shaded(&self.volume, self.grid.as_deref(), limits)?, capture.clone()));
         }
         let (grid, carried) = volume::read(&self.volume, self.grid.as_deref(), &self.transfer, limits)?;
-        let shown = self.shown(capture, carried);
+        let shown = self.interpreted(capture, carried);
         let field = volume::arrange(&grid, shown.transfer.as_ref(), limits).map_err(|e| e.at(&self.volume))?;
         Ok((Grids::Density(field), shown))
     }
 
     /// Returns the capture as its pictures are to be understood: with the transfer function of the settings, if there
     /// is one.
-    fn shown(&self, capture: &Capture, transfer: Option<Transfer>) -> Capture {
+    fn interpreted(&self, capture: &Capture, transfer: Option<Transfer>) -> Capture {
         match transfer.filter(|_| self.transfer.tf.is_some()) {
             Some(transfer) => Capture { transfer: Some(transfer), model: Model::EmissionAbsorption, ..capture.clone() },
             // A function that the pictures do not show would cut the volume's edge.

@@ -69,7 +69,7 @@ impl Unknowns {
 
 impl RegionSettings {
     /// World box that is given for the region.
-    fn given(&self) -> Option<Aabb> {
+    fn stated_bounds(&self) -> Option<Aabb> {
         self.bounds.map(|[min, max]| Aabb { min: DVec3::from_array(min), max: DVec3::from_array(max) })
     }
 
@@ -110,7 +110,7 @@ impl RegionSettings {
     /// If the pictures leave nothing, or the lattice is not usable.
     pub(super) fn place(&self, capture: &Capture, observation: &Observation) -> Result<Placed> {
         let hull = Hull::new(observation);
-        let bounds = self.given().map_or_else(|| hull.bounds(), Ok)?;
+        let bounds = self.stated_bounds().map_or_else(|| hull.bounds(), Ok)?;
         let chosen = match (self.voxel_size, self.resolution) {
             (Some(size), _) => Some(size),
             (None, Some(count)) => Some(lattice::divided(&bounds, count)?),

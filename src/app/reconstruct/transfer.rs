@@ -167,7 +167,7 @@ impl TransferFunctionSettings {
             seconds: task.provenance.seconds,
             train_rms: outcome.history.last().map(|s| s.rms),
             views,
-            shown: photos::shown(views, &request.held_out),
+            shown: photos::report_views(views, &request.held_out),
             held_out: request.held_out,
             held_out_psnr_db: None,
             held_out_ssim: None,

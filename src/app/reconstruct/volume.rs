@@ -283,7 +283,7 @@ impl<'t> VolumeTask<'t> {
             peak_memory_mb: run::peak_memory_mb(),
             stopped: solved.stopped,
             views,
-            shown: photos::shown(views, &held_out),
+            shown: photos::report_views(views, &held_out),
             held_out,
             voxel_size,
             unknowns: solved.unknowns,

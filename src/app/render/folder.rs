@@ -23,7 +23,7 @@ fn other_capture(json: &Path) -> Error {
 
 impl Sequence<'_> {
     /// Makes sure that neither inputs nor anything of other settings is replaced.
-    pub(super) fn spare(&self, frames: &[(u32, PathBuf)]) -> Result<()> {
+    pub(super) fn refuse_overwrite(&self, frames: &[(u32, PathBuf)]) -> Result<()> {
         let pictures: Vec<PathBuf> = frames.iter().flat_map(|(_, path)| self.render.files_of(path)).collect();
         let json = self.target.json();
         pictures.iter().chain(&json).try_for_each(|path| protected::check(path))?;

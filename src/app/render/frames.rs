@@ -90,7 +90,7 @@ impl RenderSettings {
             (None, None) => Vec::new(),
         };
         if let (Some(pattern), Some(_)) = (&pattern, self.frames) {
-            there(pattern, &numbers)?;
+            refuse_missing(pattern, &numbers)?;
         }
         target.holds(numbers.len(), "frames", "⟨frames=N⟩")?;
         let mut template = self.pictures.template(Some(&numbers), &mut provenance)?;
@@ -123,7 +123,7 @@ impl RenderSettings {
             remarks: BTreeSet::new(),
             cancel: context.cancel(),
         };
-        sequence.spare(&frames)?;
+        sequence.refuse_overwrite(&frames)?;
         sequence.settle(&frames, context)?;
         // A folder that stays empty is removed again.
         let mut batch = Batch::new();
@@ -200,7 +200,7 @@ pub(crate) fn between(template: &Capture, path: &Path, numbers: &[u32]) -> Resul
 }
 
 /// Refuses frames of which none is there.
-fn there(pattern: &Pattern, numbers: &[u32]) -> Result<()> {
+fn refuse_missing(pattern: &Pattern, numbers: &[u32]) -> Result<()> {
     let known = pattern.numbers()?;
     match (known.first(), known.last()) {
         (Some(first), Some(last)) if !numbers.iter().any(|number| known.binary_search(number).is_ok()) => {

@@ -143,7 +143,7 @@ pub struct ViewsReport {
     #[serde(flatten)]
     scales: DensityScales,
     #[serde(flatten)]
-    way: Way,
+    way: Integration,
     /// Plan of a scene that may scatter, or out of which something may be left.
     plan: Option<Plan>,
     /// Up axis about which cameras were placed; none where they were given.
@@ -160,7 +160,7 @@ pub struct ViewsReport {
 /// How light was integrated.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(untagged)]
-enum Way {
+enum Integration {
     /// Along straight rays.
     Dvr {
         quadrature: String,
@@ -182,7 +182,7 @@ struct EarlyStop {
     error_bound: f64,
 }
 
-impl Way {
+impl Integration {
     /// Adds what a capture records of how its pictures were made.
     fn record(&self, scattering: Option<&ScatteringSettings>, extra: &mut Map<String, Value>) {
         if let Self::Dvr { quadrature, early_stop, .. } = self {
@@ -202,7 +202,11 @@ impl fmt::Display for ViewsReport {
         writeln!(f, "{}: {views} view{s} in {seconds:.2} s, {scales}", file.display())?;
         tone_mapping.iter().try_for_each(|tone| writeln!(f, "  PNG: {tone}"))?;
         match way {
-            Way::Dvr { quadrature, quadrature_error_bound, early_stop: EarlyStop { transmittance, error_bound } } => {
+            Integration::Dvr {
+                quadrature,
+                quadrature_error_bound,
+                early_stop: EarlyStop { transmittance, error_bound },
+            } => {
                 let quadrature_error = match quadrature_error_bound {
                     Some(bound) => format!("integrates within {bound:.1e}"),
                     None if quadrature == "exact" => "integrates each piece of a cell within 4e-7".to_owned(),
@@ -214,7 +218,7 @@ impl fmt::Display for ViewsReport {
                      leaves out at most {error_bound:.1e}"
                 )?;
             }
-            Way::Paths { paths } => write!(f, "{paths}")?,
+            Integration::Paths { paths } => write!(f, "{paths}")?,
         }
         match plan {
             Some(plan) if plan.omitted != Some(0.0) => write!(f, "\n  {}", LeftOut(plan)),
@@ -269,7 +273,7 @@ impl RenderSettings {
         fits(&capture, self.plane_bytes(paths), limits.max_memory)?;
         self.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
-        self.spare(target, &capture, &provenance)?;
+        self.refuse_overwrite(target, &capture, &provenance)?;
         // Pictures wait until all are there: an interrupted run must not mix its pictures with those of an earlier one.
         let mut batch = Batch::new();
         if let Target::Folder(folder) = target {
@@ -292,7 +296,7 @@ impl RenderSettings {
             remarks.push(remark);
         }
         let seconds = provenance.lap();
-        let way = self.way(&renderer, &scene, counts);
+        let way = self.integration(&renderer, &scene, counts);
         if let Some((waiting, json)) = &waiting_json {
             let mut extra = record(&provenance, plan.as_ref());
             way.record(paths.then_some(&pictures.scattering), &mut extra);
@@ -300,7 +304,7 @@ impl RenderSettings {
         }
         // Another run may have ended in the folder meanwhile.
         let _lock = target.json().as_deref().and_then(Path::parent).map(atomic::lock_folder);
-        self.spare(target, &capture, &provenance)?;
+        self.refuse_overwrite(target, &capture, &provenance)?;
         batch.commit()?;
         Ok(ViewsReport {
             output: self.output.clone(),
@@ -382,14 +386,14 @@ impl RenderSettings {
     }
 
     /// Returns how light was integrated, with the events that were counted.
-    fn way(&self, renderer: &Renderer<'_>, scene: &Scene, counts: Counts) -> Way {
+    fn integration(&self, renderer: &Renderer<'_>, scene: &Scene, counts: Counts) -> Integration {
         match renderer {
-            Renderer::Dvr { dvr, .. } => Way::Dvr {
+            Renderer::Dvr { dvr, .. } => Integration::Dvr {
                 quadrature: self.pictures.quadrature(scene).to_string(),
                 quadrature_error_bound: dvr.quadrature_error(),
                 early_stop: EarlyStop { transmittance: self.pictures.early_stop, error_bound: dvr.left_out() },
             },
-            Renderer::Paths(_) => Way::Paths { paths: self.pictures.scattering.paths(counts) },
+            Renderer::Paths(_) => Integration::Paths { paths: self.pictures.scattering.paths(counts) },
         }
     }
 
@@ -449,7 +453,7 @@ impl RenderSettings {
     }
 
     /// Makes sure that the outputs replace neither inputs nor files that other settings wrote.
-    fn spare(&self, target: Target<'_>, capture: &Capture, provenance: &Provenance) -> Result<()> {
+    fn refuse_overwrite(&self, target: Target<'_>, capture: &Capture, provenance: &Provenance) -> Result<()> {
         let json = target.json();
         let pictures: Vec<PathBuf> = capture.frames.iter().flat_map(|f| self.files_of(&f.picture)).collect();
         pictures.iter().chain(&json).try_for_each(|path| protected::check(path))?;

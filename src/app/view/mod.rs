@@ -28,7 +28,7 @@ use crate::report::sheet::{Canvas, Sheet};
 use crate::scene::up::Up;
 use crate::text::shell_quoted;
 use serde::{Deserialize, Serialize};
-use shown::{Content, NotShown, Shown};
+use shown::{Content, FileSheet, NotShown};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -126,7 +126,7 @@ impl ViewSettings {
                 Some(path) => png::write_rgb8(path, canvas.width, canvas.height, &canvas.rgb)?,
                 None => show(&canvas)?,
             }
-            sheets.push(Shown { input: file.clone(), output, size: [canvas.width, canvas.height], content });
+            sheets.push(FileSheet { input: file.clone(), output, size: [canvas.width, canvas.height], content });
         }
         sheets.iter().for_each(|shown| context.failed(shown.content.failed()));
         Ok(ViewReport { sheets, failed })

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// Report on contact sheets.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub struct ViewReport {
-    pub(super) sheets: Vec<Shown>,
+    pub(super) sheets: Vec<FileSheet>,
     /// Files without a sheet.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) failed: Vec<NotShown>,
@@ -30,7 +30,7 @@ pub(super) struct NotShown {
 
 /// A sheet of a file.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub(super) struct Shown {
+pub(super) struct FileSheet {
     #[serde(serialize_with = "crate::app::paths::text")]
     pub input: PathBuf,
     /// PNG that was written; none if the sheet was only shown.

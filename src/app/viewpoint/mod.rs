@@ -230,7 +230,7 @@ impl ViewpointSettings {
         // Earlier viewpoints have no say in the density scale: it would be another one in each run.
         request.exact_starts = self.previous(&around)?;
         render::fits(&capture, 0, limits.max_memory)?;
-        self.spare(&capture, &task.provenance)?;
+        self.refuse_overwrite(&capture, &task.provenance)?;
 
         let medium = opaque(capture.medium()?)?;
         let quadrature = self.quadrature.unwrap_or_else(|| Quadrature::usual(&medium.source));
@@ -302,7 +302,7 @@ impl ViewpointSettings {
 
     /// Makes sure that the outputs replace neither inputs nor a capture of another command, nor pictures that no
     /// earlier run wrote. A search that is resumed may have other options than the one that it goes on from.
-    fn spare(&self, capture: &Capture, provenance: &Provenance) -> Result<()> {
+    fn refuse_overwrite(&self, capture: &Capture, provenance: &Provenance) -> Result<()> {
         let written = capture.frames.iter().filter(|_| self.pictures.is_some());
         let pictures: Vec<PathBuf> = written.map(|f| f.picture.clone()).collect();
         pictures.iter().chain([&self.output]).try_for_each(|path| protected::check(path))?;

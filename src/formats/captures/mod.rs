@@ -11,7 +11,7 @@ pub use summary::{summary, summary_within};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::usd::{Stage, Views};
-use crate::formats::views::{Optics, StatedCapture};
+use crate::formats::views::{LensAndMask, StatedCapture};
 use crate::formats::{Format, colmap, sniff, transforms};
 use crate::scene::capture::Capture;
 use std::path::{Path, PathBuf};
@@ -68,7 +68,7 @@ pub fn stated_within(path: &Path, limits: Limits) -> Result<StatedCapture> {
     let place = file(path);
     if sniff(&place).is_ok_and(|format| format == Format::Usd) {
         let capture = Stage::open(&place, limits)?.capture(&Views::default())?;
-        let optics = vec![Optics::default(); capture.frames.len()];
+        let optics = vec![LensAndMask::default(); capture.frames.len()];
         return Ok(StatedCapture { capture, optics });
     }
     if colmap::is_model_file(&place) {

@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::formats::input;
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
-use crate::formats::views::{Optics, StatedCapture};
+use crate::formats::views::{LensAndMask, StatedCapture};
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
 use glam::{DMat3, DMat4, DQuat, DVec3};
@@ -109,7 +109,7 @@ fn capture((calibrations, mut images): Parsed, file: &Path) -> Result<StatedCapt
         let calibration = calibration.map_err(named)?;
         let camera = calibration.camera(camera_to_world(image).map_err(named)?).map_err(named)?;
         let picture = pictures::find(&folder, &image.name);
-        Ok((Frame { camera, picture }, Optics { lens: calibration.lens, ..Optics::default() }))
+        Ok((Frame { camera, picture }, LensAndMask { lens: calibration.lens, ..LensAndMask::default() }))
     };
     let views = images.iter().map(view).collect::<Result<Vec<_>>>()?;
     let (frames, optics) = views.into_iter().unzip();

@@ -32,10 +32,10 @@ pub(super) fn all(header: &exr::meta::header::Header) -> impl Iterator<Item = (S
         .all_named_attributes()
         .map(|(name, value)| (text(name), value))
         .filter(|(name, _)| !STORAGE.contains(&name.as_str()))
-        .map(|(name, value)| (name, shown(&value)))
+        .map(|(name, value)| (name, displayed(&value)))
 }
 
-fn shown(value: &AttributeValue) -> String {
+fn displayed(value: &AttributeValue) -> String {
     fn joined<T: ToString>(values: &[T]) -> String {
         values.iter().map(T::to_string).collect::<Vec<_>>().join(" ")
     }

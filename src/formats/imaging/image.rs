@@ -54,7 +54,7 @@ pub trait Slices {
 
     /// Bytes of memory that reading takes beside the slice: of an array that is held whole, or of chunks. Buffers of a
     /// fixed size do not count.
-    fn held(&self) -> u64 {
+    fn working_bytes(&self) -> u64 {
         0
     }
 }

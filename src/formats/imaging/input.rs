@@ -1,6 +1,6 @@
 //! Files with values: opened at a place, unpacked, and measured before anything is read.
 
-use super::text::shown;
+use super::text::excerpt;
 use crate::error::{Error, Result};
 use crate::formats::input;
 use flate2::bufread::GzDecoder;
@@ -185,7 +185,7 @@ pub(crate) fn start(path: &Path, most: u64) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// If the name is empty, or leads out of the folder.
-pub(crate) fn beside(header: &Path, name: &str) -> Result<PathBuf> {
+pub(crate) fn companion(header: &Path, name: &str) -> Result<PathBuf> {
     if name.is_empty() {
         return Err(Error::invalid("the header names no file of values")
             .hint("write the name of the file with the values into the header"));
@@ -193,7 +193,7 @@ pub(crate) fn beside(header: &Path, name: &str) -> Result<PathBuf> {
     below(header.parent().unwrap_or(Path::new("")), name).ok_or_else(|| {
         Error::invalid(format!(
             "the header names the file '{}', which does not lie in the header's folder",
-            shown(name)
+            excerpt(name)
         ))
         .hint("move the file beside the header, and write its name without a folder into the header")
     })
@@ -228,7 +228,7 @@ pub(crate) fn numbered(pattern: &str, numbers: impl Iterator<Item = i64>) -> Res
         Some((head, digits.starts_with('0'), width, &rest[end + 1..]))
     });
     let (head, zeros, width, tail) = split.ok_or_else(|| {
-        Error::invalid(format!("'{}' is no pattern of numbered files", shown(pattern)))
+        Error::invalid(format!("'{}' is no pattern of numbered files", excerpt(pattern)))
             .hint("a pattern has a number such as %03d")
     })?;
     Ok(numbers
@@ -249,11 +249,11 @@ mod tests {
         }
         for name in ["../a.raw", "b/../../a.raw", "/etc/passwd", "/data/scan/../a.raw", "/data/scanner/a.raw"] {
             assert_eq!(below(folder, name), None, "{name}");
-            let error = beside(&folder.join("a.mhd"), name).unwrap_err();
+            let error = companion(&folder.join("a.mhd"), name).unwrap_err();
             assert!(error.to_string().contains(name) && error.remedy().is_some(), "{error}");
         }
         let here = std::path::absolute("a.raw").unwrap();
-        assert_eq!(beside(Path::new("a.mhd"), here.to_str().unwrap()).unwrap(), Path::new("a.raw"));
-        assert_eq!(beside(Path::new("a.mhd"), "a.raw").unwrap(), Path::new("a.raw"));
+        assert_eq!(companion(Path::new("a.mhd"), here.to_str().unwrap()).unwrap(), Path::new("a.raw"));
+        assert_eq!(companion(Path::new("a.mhd"), "a.raw").unwrap(), Path::new("a.raw"));
     }
 }

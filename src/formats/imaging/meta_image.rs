@@ -8,7 +8,7 @@ use super::image::{Header, Image, Slices, Values};
 use super::input::{self, Packing};
 use super::placement::{self, swap_lps_ras};
 use super::stream::{Binary, Words};
-use super::text::{self, shown, wrong};
+use super::text::{self, excerpt, wrong};
 use crate::error::{Error, Result};
 use crate::formats::sample::{Endian, Sample};
 use crate::math::Affine;
@@ -64,8 +64,11 @@ fn sample(name: &str) -> Result<(Sample, usize)> {
         "MET_FLOAT" => Sample::F32,
         "MET_DOUBLE" => Sample::F64,
         other => {
-            return Err(Error::unsupported(format!("values of type '{}'; integers and floats are read", shown(other)))
-                .hint("convert them to MET_FLOAT where the file was made"));
+            return Err(Error::unsupported(format!(
+                "values of type '{}'; integers and floats are read",
+                excerpt(other)
+            ))
+            .hint("convert them to MET_FLOAT where the file was made"));
         }
     };
     Ok((sample, if array { 3 } else { 1 }))
@@ -134,7 +137,7 @@ fn files(fields: &Fields, path: &Path, length: u64, rest: &[String], slices: usi
         }
         _ => vec![name.to_owned()],
     };
-    Ok((names.iter().map(|name| input::beside(path, name)).collect::<Result<_>>()?, 0))
+    Ok((names.iter().map(|name| input::companion(path, name)).collect::<Result<_>>()?, 0))
 }
 
 /// Opens a header with its values.
@@ -152,7 +155,7 @@ pub(crate) fn open(path: &Path) -> Result<Vec<Image>> {
     let (sample, implied) = sample(fields.need("ElementType")?)?;
     let components = match fields.get(&["ElementNumberOfChannels"]) {
         Some(text) => text.parse().ok().filter(|n| matches!(n, 1 | 3)).ok_or_else(|| {
-            Error::unsupported(format!("{} values a voxel; 1 or 3 are read", shown(text)))
+            Error::unsupported(format!("{} values a voxel; 1 or 3 are read", excerpt(text)))
                 .hint("write one channel, or a vector of three, to a file of its own first")
         })?,
         None => implied,

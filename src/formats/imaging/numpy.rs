@@ -7,7 +7,7 @@ use super::image::{Header, Image, Slices, Values};
 use super::input::{self, Packing};
 use super::options::{Axes, Options};
 use super::stream::{Binary, failed};
-use super::text::shown;
+use super::text::excerpt;
 use crate::error::{Code, Error, Result};
 use crate::formats;
 use crate::formats::limits::Limits;
@@ -174,7 +174,7 @@ impl Slices for Strided {
         Ok(())
     }
 
-    fn held(&self) -> u64 {
+    fn working_bytes(&self) -> u64 {
         self.length
     }
 }
@@ -206,7 +206,7 @@ pub(crate) fn open_archive(path: &Path, options: &Options, limits: Limits) -> Re
             names.push(name);
             continue;
         }
-        let place = |e: Error| e.part(format!("array '{}'", shown(&name)));
+        let place = |e: Error| e.part(format!("array '{}'", excerpt(&name)));
         let start = start.ok_or_else(|| place(Error::invalid("its place is unknown").hint("copy the file again")))?;
         let packed = unpacked(path, start, length, method).map_err(place)?;
         let mut reader: Box<dyn Read> = Box::new(Checked { reader: packed, sum: Crc::new(), left: size, checksum });
@@ -215,7 +215,7 @@ pub(crate) fn open_archive(path: &Path, options: &Options, limits: Limits) -> Re
         if options.array.is_none() && Layout::of(&header, options.axes).is_none() {
             left_out.push(format!(
                 "array '{}' of shape {:?} is no volume and was left out",
-                shown(&name),
+                excerpt(&name),
                 header.shape
             ));
         } else {

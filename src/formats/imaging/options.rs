@@ -1,7 +1,7 @@
 //! What the caller says of a file that the file does not say itself, and which part of it is wanted.
 
 use super::placement;
-use super::text::shown;
+use super::text::excerpt;
 use crate::error::{Error, Result};
 use crate::formats::sample::{Endian, Sample};
 use crate::math::Affine;
@@ -106,7 +106,7 @@ impl Options {
     pub(super) fn no_array(&self, names: &[String]) -> Error {
         let names = if names.is_empty() { "none that can be read".to_owned() } else { listed(names) };
         match &self.array {
-            Some(wanted) => Error::invalid(format!("no array '{}'; the file has {names}", shown(wanted)))
+            Some(wanted) => Error::invalid(format!("no array '{}'; the file has {names}", excerpt(wanted)))
                 .hint("name one of these with ⟨array⟩"),
             None => Error::unsupported("the file holds no array of numbers with a voxel at each point")
                 .hint("write scalars or vectors of three with the volume where it was made"),
@@ -118,5 +118,5 @@ impl Options {
 fn listed(names: &[String]) -> String {
     const MOST: usize = 12;
     let more = if names.len() > MOST { ", and others" } else { "" };
-    format!("{}{more}", names.iter().take(MOST).map(|n| shown(n)).collect::<Vec<_>>().join(", "))
+    format!("{}{more}", names.iter().take(MOST).map(|n| excerpt(n)).collect::<Vec<_>>().join(", "))
 }

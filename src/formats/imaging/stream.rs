@@ -1,7 +1,7 @@
 //! Slices of numbers that lie in a stream of bytes or words.
 
 use super::image::Slices;
-use super::text::shown;
+use super::text::excerpt;
 use crate::error::{Error, Result};
 use crate::formats::sample::{Endian, Sample};
 use std::io::{ErrorKind, Read};
@@ -145,7 +145,7 @@ impl Words {
             return Err(failed(ErrorKind::UnexpectedEof.into(), self.done));
         }
         text.parse().map_err(|_| {
-            Error::invalid(format!("value {} is '{}', which is no number", self.done, shown(&text)))
+            Error::invalid(format!("value {} is '{}', which is no number", self.done, excerpt(&text)))
                 .hint("the file is damaged: copy it, or write it, again")
         })
     }

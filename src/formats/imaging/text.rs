@@ -39,7 +39,7 @@ pub(crate) fn lines(path: &Path, mut last: impl FnMut(&str) -> bool) -> Result<(
 }
 
 /// Beginning of a text of a file, as an error or a note shows it.
-pub(crate) fn shown(text: &str) -> String {
+pub(crate) fn excerpt(text: &str) -> String {
     let start: String = text.chars().take(60).collect();
     let more = if start.len() < text.len() { "…" } else { "" };
     format!("{}{more}", printable(&start))
@@ -47,7 +47,7 @@ pub(crate) fn shown(text: &str) -> String {
 
 /// Error that a field of a header cannot be understood.
 pub(crate) fn wrong(field: &str, text: &str) -> Error {
-    Error::invalid(format!("the field '{}' is '{}', which cannot be understood", shown(field), shown(text)))
+    Error::invalid(format!("the field '{}' is '{}', which cannot be understood", excerpt(field), excerpt(text)))
         .hint("correct the file's header, or write the file again where it was made")
 }
 

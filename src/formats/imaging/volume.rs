@@ -88,7 +88,7 @@ pub fn build(
     }
     let mut native = NativeGrid::empty(kind, settings.name, GridClass::Unknown, &header.index_to_world)?;
     let mut values = vec![0.0; header.slice_len().unwrap_or(0)];
-    let most = settings.most_leaves(kind, values.len(), image.slices.held());
+    let most = settings.most_leaves(kind, values.len(), image.slices.working_bytes());
     let strides = [components, components * x, components * x * y].map(|s| s as i64);
     let (mut leaves, mut tally) = (0, Tally::default());
     for slice in 0..z {

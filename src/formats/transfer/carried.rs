@@ -1,6 +1,6 @@
 //! Transfer functions in the metadata of a VDB's grids.
 
-use super::{Loaded, MAX_BYTES, Options, Source, chosen, document, refuse_opacity_options};
+use super::{Loaded, MAX_BYTES, Options, Source, document, entry_index, refuse_opacity_options};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::File;
@@ -58,7 +58,7 @@ pub(super) fn load(path: &Path, options: &Options) -> Result<Loaded> {
     if presets.is_empty() {
         return Err(Error::invalid("none of the grids carries a transfer function").hint(ATTACH));
     }
-    let (name, metadata) = all.swap_remove(chosen(&presets, options.preset.as_deref())?);
+    let (name, metadata) = all.swap_remove(entry_index(&presets, options.preset.as_deref())?);
     let transfer = from_metadata(&metadata)
         .map_err(|e| e.inside(format!("grid '{name}'")))?
         .ok_or_else(|| Error::invalid("no transfer function").part(format!("grid '{name}'")).hint(ATTACH))?;

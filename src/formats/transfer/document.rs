@@ -1,6 +1,6 @@
 //! Cumulo's JSON format of transfer functions, read and written.
 
-use super::{Loaded, Options, Source, chosen, refuse_opacity_options};
+use super::{Loaded, Options, Source, entry_index, refuse_opacity_options};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{atomic, input};
@@ -101,7 +101,7 @@ pub(super) fn load(object: &Object, options: &Options) -> Result<Loaded> {
         return Err(Error::invalid("a name was asked for, but the one transfer function in this file has none")
             .hint("leave the name out"));
     }
-    chosen(&presets, options.preset.as_deref())?;
+    entry_index(&presets, options.preset.as_deref())?;
     Ok(Loaded { transfer, source: Source::Cumulo, name, presets, notes: Vec::new() })
 }
 

@@ -182,7 +182,7 @@ fn refuse_opacity_options(options: &Options) -> Result<()> {
 }
 
 /// Number of the entry named `wanted`, or of the first if none is wanted.
-fn chosen(names: &[String], wanted: Option<&str>) -> Result<usize> {
+fn entry_index(names: &[String], wanted: Option<&str>) -> Result<usize> {
     /// Largest number of names that the error message lists.
     const SHOWN: usize = 20;
     let Some(wanted) = wanted else { return Ok(0) };

@@ -3,7 +3,7 @@
 use super::color::Space;
 use super::document::{Object, short, value};
 use super::paraview::{self, Preset};
-use super::{Loaded, Options, Source, chosen};
+use super::{Loaded, Options, Source, entry_index};
 use crate::error::{Error, Result};
 
 /// Keys of which any identifies a preset.
@@ -23,7 +23,7 @@ pub(super) fn load(presets: Vec<Object>, options: &Options) -> Result<Loaded> {
         Ok(name.unwrap_or_else(|| format!("preset {}", i + 1)))
     };
     let names = presets.iter().enumerate().map(name).collect::<Result<Vec<String>>>()?;
-    let index = chosen(&names, options.preset.as_deref())?;
+    let index = entry_index(&names, options.preset.as_deref())?;
     let preset = preset(&presets[index]).map_err(|e| e.part(format!("preset '{}'", names[index])))?;
     paraview::loaded(preset, names, index, Source::ParaviewJson, options)
 }

@@ -3,7 +3,7 @@
 use super::color::Space;
 use super::document::short;
 use super::paraview::{self, Preset};
-use super::{Loaded, Options, Source, chosen, unknown};
+use super::{Loaded, Options, Source, entry_index, unknown};
 use crate::error::{Error, Result};
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
@@ -25,7 +25,7 @@ pub(super) fn load(text: &str, options: &Options) -> Result<Loaded> {
     if names.is_empty() {
         return Err(unknown("an XML document without a 'ColorMap'"));
     }
-    let index = chosen(&names, options.preset.as_deref())?;
+    let index = entry_index(&names, options.preset.as_deref())?;
     let map = map.ok_or_else(|| Error::invalid("the preset was not found again").hint(EXPORT))?;
     let preset = preset(map).map_err(|e| e.part(format!("preset '{}'", names[index])))?;
     paraview::loaded(preset, names, index, Source::ParaviewXml, options)

@@ -21,7 +21,7 @@ pub(super) fn picture(own: &Map<String, Value>, folder: &Path) -> Result<PathBuf
         }
         None => return Err(missing("file_path", "the picture's path, relative to this file")),
     };
-    Ok(found(name, folder))
+    Ok(resolved(name, folder))
 }
 
 /// Returns the path of the mask of a view, if it has one.
@@ -31,7 +31,7 @@ pub(super) fn picture(own: &Map<String, Value>, folder: &Path) -> Result<PathBuf
 pub(super) fn mask(own: &Map<String, Value>, folder: &Path) -> Result<Option<PathBuf>> {
     match own.get("mask_path") {
         None | Some(Value::Null) => Ok(None),
-        Some(Value::String(name)) => Ok(Some(found(name, folder))),
+        Some(Value::String(name)) => Ok(Some(resolved(name, folder))),
         Some(other) => Err(Error::invalid(format!("'mask_path' is {}; a text is expected", short(other)))
             .hint("'mask_path' is the path of a picture that is black where the view is not to be used")),
     }
@@ -39,7 +39,7 @@ pub(super) fn mask(own: &Map<String, Value>, folder: &Path) -> Result<Option<Pat
 
 /// Path of a file as programs name it: with or without a suffix, in whichever case, with the separators of either
 /// system. Where nothing is found, it is the name as it stands, with `.exr` if it has no suffix.
-fn found(name: &str, folder: &Path) -> PathBuf {
+fn resolved(name: &str, folder: &Path) -> PathBuf {
     let plain = |name: &str| -> (PathBuf, Option<PathBuf>) {
         let path = folder.join(name);
         // "view.0001" has no suffix of a picture, but Path would take ".0001" for one.
@@ -88,7 +88,7 @@ mod tests {
             ("none.png", "none.png"),
         ] {
             let expected: PathBuf = dir.path().join(file).components().collect();
-            assert_eq!(found(name, dir.path()).components().collect::<PathBuf>(), expected, "{name}");
+            assert_eq!(resolved(name, dir.path()).components().collect::<PathBuf>(), expected, "{name}");
         }
     }
 }

@@ -1,13 +1,13 @@
 //! Reading of captures from JSON. Every fault names its frame and key.
 
 use super::keys::{Keys, missing, short};
-use super::optics::{focal, optics};
+use super::optics::{focal, projection_and_lens};
 use super::remarks::remarks;
 use super::{files, folder, json_path};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
-use crate::formats::views::{Optics, StatedCapture};
+use crate::formats::views::{LensAndMask, StatedCapture};
 use crate::formats::{input, picture};
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
@@ -114,7 +114,7 @@ pub(crate) fn read_object(json: &Path, limits: Limits) -> Result<Map<String, Val
     }
 }
 
-pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> Result<(Frame, Optics)> {
+pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> Result<(Frame, LensAndMask)> {
     let Value::Object(own) = value else {
         return Err(Error::invalid(format!("{} is not a JSON object", short(value)))
             .hint("a view is {\"file_path\": …, \"transform_matrix\": …}"));
@@ -124,7 +124,7 @@ pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> 
     let camera_to_world = (Keys { own, shared: None })
         .matrix("transform_matrix")?
         .ok_or_else(|| missing("transform_matrix", "the camera-to-world matrix, four rows of four numbers"))?;
-    let (projection, lens) = optics(&keys)?;
+    let (projection, lens) = projection_and_lens(&keys)?;
     let (width, height) = match (keys.size("w")?, keys.size("h")?) {
         (Some(w), Some(h)) => (w, h),
         (w, h) => {
@@ -156,7 +156,7 @@ pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> 
         )
     })?;
     let crop_radius = keys.number("fisheye_crop_radius")?.filter(|_| lens != Lens::Pinhole);
-    Ok((Frame { camera, picture }, Optics { lens, crop_radius, mask: files::mask(own, folder)? }))
+    Ok((Frame { camera, picture }, LensAndMask { lens, crop_radius, mask: files::mask(own, folder)? }))
 }
 
 /// Checks a camera. A matrix whose columns are of unit length already is kept to the last bit, so that reading returns

@@ -11,7 +11,7 @@ use serde_json::Value;
 ///
 /// # Errors
 /// If the camera model is unknown, or a coefficient has no meaning, or more than one, in it.
-pub(super) fn optics(keys: &Keys) -> Result<(Projection, Lens)> {
+pub(super) fn projection_and_lens(keys: &Keys) -> Result<(Projection, Lens)> {
     let named = match keys.get("camera_model") {
         None => None,
         Some(Value::String(name)) => Some(name.as_str()),

@@ -3,7 +3,7 @@
 
 use super::convert;
 use super::fault::Fault;
-use super::resolver::{Met, is_layer, is_stage_name};
+use super::resolver::{OpenedLayers, is_layer, is_stage_name};
 use super::targets::Absent;
 use crate::error::Error;
 use crate::formats::{Format, input, sniff};
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub(super) struct Arcs<'m> {
     /// Root layer as the composition knows it.
     root: &'m Path,
-    met: &'m Met,
+    met: &'m OpenedLayers,
     /// Paths of prims that are not active, which need no layers.
     inactive: BTreeSet<String>,
     /// Layers, as they are shown, that inactive prims name.
@@ -29,7 +29,7 @@ pub(super) struct Arcs<'m> {
 }
 
 impl<'m> Arcs<'m> {
-    pub(super) fn new(root: &'m Path, met: &'m Met, inactive: BTreeSet<String>) -> Self {
+    pub(super) fn new(root: &'m Path, met: &'m OpenedLayers, inactive: BTreeSet<String>) -> Self {
         Self { root, met, inactive, unneeded: BTreeSet::new(), found: BTreeMap::new() }
     }
 
@@ -38,14 +38,14 @@ impl<'m> Arcs<'m> {
     pub(super) fn faults(mut self, errors: &[pcp::Error], absent: &[Absent]) -> Vec<Fault> {
         errors.iter().for_each(|error| self.add(error));
         for Absent { site, arc, stated_by, layer, target } in absent {
-            let layer = self.shown(Path::new(layer));
+            let layer = self.display_path(Path::new(layer));
             let fault = self.no_prim(arc, &layer, target);
             let fault = self.stated_by(stated_by, fault).of_prim(site);
             self.found.entry((false, format!("{layer}<{target}>"))).or_insert(fault);
         }
         // A layer that no arc's error names is told as well.
         for error in &self.met.faults {
-            let place = error.path().map(|path| self.shown(path)).unwrap_or_default();
+            let place = error.path().map(|path| self.display_path(path)).unwrap_or_default();
             let told = self.found.values().any(|fault| fault.what.contains(&format!("@{place}@")));
             if !told && !self.unneeded.contains(&place) {
                 let what = format!("the layer @{place}@ cannot be read: {}", cause(error));
@@ -71,12 +71,12 @@ impl<'m> Arcs<'m> {
                 (path.to_string_lossy().into_owned(), self.stated_by(introduced_by, fault))
             }
             E::UnresolvedPrimPath { arc, target_layer, prim_path, introduced_by, site_path } => {
-                let target = self.shown(Path::new(target_layer));
+                let target = self.display_path(Path::new(target_layer));
                 let fault = self.no_prim(&word(arc), &target, prim_path.as_str());
                 (format!("{target}<{prim_path}>"), self.stated_by(introduced_by, fault).of_prim(prim(site_path)))
             }
             E::MissingDefaultPrim { layer_id, arc, site_path } | E::InvalidDefaultPrim { layer_id, arc, site_path } => {
-                let target = self.shown(Path::new(layer_id));
+                let target = self.display_path(Path::new(layer_id));
                 let what = format!("its {} to @{target}@ names no prim, and that layer has no defaultPrim", word(arc));
                 let remedy = "name the prim, as in @layer.usda@</World>, or state defaultPrim in that layer";
                 (format!("{target}<>"), Fault::missing(what, remedy).of_prim(prim(site_path)))
@@ -87,7 +87,7 @@ impl<'m> Arcs<'m> {
             other => (other.to_string(), Fault::remark(other.to_string(), LAYER)),
         };
         if fault.prim.as_ref().is_some_and(|prim| self.inactive.contains(prim)) {
-            self.unneeded.insert(self.shown(Path::new(&target)));
+            self.unneeded.insert(self.display_path(Path::new(&target)));
             return;
         }
         let key = (!fault.incomplete, if target.is_empty() { fault.what.clone() } else { target });
@@ -104,12 +104,12 @@ impl<'m> Arcs<'m> {
     fn stated_by(&self, identifier: &str, fault: Fault) -> Fault {
         let stated = Path::new(identifier);
         let other = !identifier.is_empty() && canonical(stated) != canonical(self.root);
-        Fault { layer: other.then(|| PathBuf::from(self.shown(stated))), ..fault }
+        Fault { layer: other.then(|| PathBuf::from(self.display_path(stated))), ..fault }
     }
 
     /// Returns the fault of a layer that an arc, such as `its reference`, leads to.
     fn layer(&self, arc: &str, path: &Path, reason: Option<&str>) -> Fault {
-        let shown = self.shown(path);
+        let shown = self.display_path(path);
         let fault = |cause: &dyn Display, remedy: &str| Fault::missing(format!("{arc} @{shown}@ {cause}"), remedy);
         let known =
             self.met.faults.iter().find(|error| error.path().is_some_and(|at| canonical(at) == canonical(path)));
@@ -136,7 +136,7 @@ impl<'m> Arcs<'m> {
     }
 
     /// Returns the path of a layer from the stage's folder where it lies in it.
-    fn shown(&self, path: &Path) -> String {
+    fn display_path(&self, path: &Path) -> String {
         let folder = self.root.to_string_lossy();
         let folder = folder.split(".usdz[").next().and_then(|root| Path::new(root).parent());
         let folders = folder.into_iter().flat_map(|folder| [folder.to_path_buf(), canonical(folder)]);

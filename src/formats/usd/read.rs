@@ -8,7 +8,7 @@ use super::copy::{Copier, damaged};
 use super::fault::Fault;
 use super::metadata::StageMetadata;
 use super::prim::Prim;
-use super::resolver::{self, Bounded, Met};
+use super::resolver::{self, Bounded, OpenedLayers};
 use super::xform;
 use crate::error::{Error, Result};
 use crate::formats::input;
@@ -69,7 +69,7 @@ fn silence() {
 }
 
 fn composed(path: &Path, limits: Limits) -> Result<Composed> {
-    let met = Rc::new(RefCell::new(Met::default()));
+    let met = Rc::new(RefCell::new(OpenedLayers::default()));
     let mut root = path.to_string_lossy().into_owned();
     if path.extension().is_some_and(|suffix| suffix.eq_ignore_ascii_case("usdz")) {
         root = format!("{root}[{}]", resolver::root_layer(path)?);
@@ -91,7 +91,7 @@ fn composed(path: &Path, limits: Limits) -> Result<Composed> {
 }
 
 /// Returns the faults of the composition, and what of the stage is not read.
-fn faults(copier: &Copier, root: &Path, met: &Met, prims: &[Prim]) -> Vec<Fault> {
+fn faults(copier: &Copier, root: &Path, met: &OpenedLayers, prims: &[Prim]) -> Vec<Fault> {
     let mut faults = Arcs::new(root, met, copier.inactive()).faults(&copier.composition_errors(), &copier.absent());
     faults.extend(copier.clips().into_iter().map(|path| {
         let what = "its value clips are not read; samples within them are missing";

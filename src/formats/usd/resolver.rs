@@ -14,7 +14,7 @@ use std::rc::Rc;
 
 /// Files and faults that were met while a stage was opened.
 #[derive(Debug, Default)]
-pub(super) struct Met {
+pub(super) struct OpenedLayers {
     /// Files of layers, packages among them.
     pub files: BTreeSet<PathBuf>,
     /// First fault of each layer that cannot be read.
@@ -28,11 +28,11 @@ pub(super) struct Bounded {
     inner: DefaultResolver,
     /// Largest number of bytes of all layers together.
     most: u64,
-    met: Rc<RefCell<Met>>,
+    met: Rc<RefCell<OpenedLayers>>,
 }
 
 impl Bounded {
-    pub(super) fn new(most: u64, met: Rc<RefCell<Met>>) -> Self {
+    pub(super) fn new(most: u64, met: Rc<RefCell<OpenedLayers>>) -> Self {
         Self { inner: DefaultResolver::new(), most, met }
     }
 

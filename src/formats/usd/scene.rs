@@ -212,7 +212,7 @@ impl Reader<'_> {
     /// Reads the grid of a scalar field.
     fn grid(&self, field: &Field, scene: &mut LoadedScene) -> Result<(PathBuf, Grid)> {
         let grid = self.read(field, scene, |file| file.read_fog(grid_name(file, field).as_deref()))?;
-        Ok((field.file.as_ref().map_or_else(PathBuf::new, |asset| self.stage.shown(asset)), grid))
+        Ok((field.file.as_ref().map_or_else(PathBuf::new, |asset| self.stage.display_path(asset)), grid))
     }
 
     fn transfer(&self, file: &Path, options: transfer::Options) -> Result<Transfer> {

@@ -200,11 +200,11 @@ impl Stage {
             return Ok(asset.path.clone());
         }
         let mut unpacked = self.unpacked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        unpacked.file(asset, &self.shown(asset), self.limits.max_memory)
+        unpacked.file(asset, &self.display_path(asset), self.limits.max_memory)
     }
 
     /// Returns the path of an asset's file for messages: `PACKAGE.usdz[PATH]` within a package.
-    pub(crate) fn shown(&self, asset: &Asset) -> PathBuf {
+    pub(crate) fn display_path(&self, asset: &Asset) -> PathBuf {
         match asset.packaged() {
             Some((package, inner)) if is_same(package, &self.path) => {
                 PathBuf::from(format!("{}[{inner}]", self.path.display()))
@@ -213,13 +213,13 @@ impl Stage {
         }
     }
 
-    /// Reads an asset's file, whose place `read` is given. Errors name it as [`Stage::shown`] does.
+    /// Reads an asset's file, whose place `read` is given. Errors name it as [`Stage::display_path`] does.
     ///
     /// # Errors
     /// If [`Stage::file`] or `read` fails.
     pub(super) fn read<T>(&self, asset: &Asset, read: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
         let place = self.file(asset)?;
-        read(&place).map_err(|e| e.known_as(&place, &self.shown(asset)))
+        read(&place).map_err(|e| e.known_as(&place, &self.display_path(asset)))
     }
 
     /// True if the file of an asset exists and can be opened.

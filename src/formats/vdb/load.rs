@@ -63,12 +63,13 @@ impl Drop for Loading {
 }
 
 /// Walks the part of a grid before its buffers, which must be what it was when the file was opened.
-fn walked(source: &Source, head: &[u8], preflight: &Preflight, entry: &Entry, limits: &Limits) -> Result<Walk> {
+fn walk_topology(source: &Source, head: &[u8], preflight: &Preflight, entry: &Entry, limits: &Limits) -> Result<Walk> {
     let mut c = source.cursor(head, entry.span.from);
     let walk = preflight::topology(&mut c, entry, preflight.version, limits, &mut UpMarks::default());
     let walk = walk.map_err(|e| changed(&e.what()))?;
     let whole = c.position() == entry.span.from + head.len() as u64;
-    walk.filter(|walk| whole && Some(walk.found()) == entry.topology).ok_or_else(|| changed("the tree is another one"))
+    walk.filter(|walk| whole && Some(walk.tree_size()) == entry.topology)
+        .ok_or_else(|| changed("the tree is another one"))
 }
 
 /// Loads the grid of an entry that has a layout.
@@ -83,7 +84,7 @@ pub(super) fn grid(
 ) -> Result<NativeGrid> {
     let leaves = entry.topology.map_or(0, |t| t.leaves);
     let head = source.range(entry.span.from, layout.buffers)?;
-    let walk = walked(source, &head, preflight, entry, limits)?;
+    let walk = walk_topology(source, &head, preflight, entry, limits)?;
     let loading = Loading::begin(&head, preflight, entry, leaves)?;
     drop(head);
     let run = |i: usize| {

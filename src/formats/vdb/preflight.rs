@@ -258,7 +258,7 @@ fn body<R: Read + Seek>(
     let Some(walk) = topology(c, entry, version, limits, up)? else {
         return if entry.instance_of.is_some() { at(c, end, "the grid's end") } else { Ok(()) };
     };
-    entry.topology = Some(walk.found());
+    entry.topology = Some(walk.tree_size());
     if !walk.is_complete() {
         return at(c, entry.span.block, "the grid's buffers");
     }

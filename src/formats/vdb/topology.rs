@@ -128,7 +128,7 @@ impl Walk {
     }
 
     /// Size of the tree.
-    pub(super) fn found(&self) -> Topology {
+    pub(super) fn tree_size(&self) -> Topology {
         self.found
     }
 

@@ -260,7 +260,7 @@ impl<F: Fn(&Pixel, [f64; 3]) -> ([f32; 3], [f64; 2])> pulp::NullaryFnOnce for Ru
             let (color_cotangent, add) = (self.cotangent)(pixel, rendered);
             sums = [sums[0] + add[0], sums[1] + add[1]];
             if let Some(gradient) = &mut self.gradient {
-                self.tape.spread(color_cotangent.map(|g| share as f32 * g), gradient);
+                self.tape.accumulate(color_cotangent.map(|g| share as f32 * g), gradient);
             }
         }
         sums

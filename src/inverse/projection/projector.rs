@@ -272,7 +272,7 @@ impl<F: Fn(&Sample, &[f64]) -> (f64, [f64; 2])> pulp::NullaryFnOnce for Run<'_, 
             let (depth_cotangent, add) = (self.cotangent)(sample, self.depths);
             sums = [sums[0] + add[0], sums[1] + add[1]];
             match &mut self.gradient {
-                Some(gradient) => self.tape.spread(share * depth_cotangent, self.dvr, gradient),
+                Some(gradient) => self.tape.accumulate(share * depth_cotangent, self.dvr, gradient),
                 None => self.tape.forget(),
             }
         }

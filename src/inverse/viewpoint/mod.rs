@@ -14,7 +14,7 @@ use crate::differentiate::gradient::camera_jacobian::Rows;
 use crate::inverse::solver::ascent::{Ascent, Evaluation};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
-use crate::scene::sphere::{Sphere, levelled, spread, stepped, upright};
+use crate::scene::sphere::{Sphere, fibonacci, levelled, stepped, upright};
 use crate::scene::up::Up;
 use entropy::Entropy;
 use glam::{DMat3, DVec2, DVec3};
@@ -60,16 +60,16 @@ impl Request {
     }
 
     /// Returns unit vectors spread evenly over the sphere, or its upper half: `count` of them.
-    fn spread(&self, count: usize) -> Vec<DVec3> {
+    fn directions(&self, count: usize) -> Vec<DVec3> {
         let up = self.sphere.up;
-        if self.hemisphere { upper(count, up) } else { spread(count, up) }
+        if self.hemisphere { upper(count, up) } else { fibonacci(count, up) }
     }
 }
 
 /// Returns unit vectors spread evenly over the upper half of the sphere, about the axis `up`: `count` of them.
 pub fn upper(count: usize, up: Up) -> Vec<DVec3> {
     // The lattice descends from the pole, and is symmetric.
-    spread(2 * count, up).into_iter().take(count).collect()
+    fibonacci(2 * count, up).into_iter().take(count).collect()
 }
 
 /// Value of viewpoints that are not allowed, below all entropies: no step leads there.
@@ -194,7 +194,7 @@ pub fn ticks(request: &Request) -> usize {
 /// Directions of the initial samples.
 fn initial_samples(request: &Request) -> Vec<DVec3> {
     let halved = sizes(&request.sphere).next().is_some_and(|level| level > 0);
-    request.spread(INITIAL_SAMPLES[usize::from(!halved)] * request.starts.len())
+    request.directions(INITIAL_SAMPLES[usize::from(!halved)] * request.starts.len())
 }
 
 /// For each of the starts, the best of it and of those initial samples' viewpoints that lie nearest to it.
@@ -235,7 +235,7 @@ pub fn sample(
     cancel: &Cancel,
     tick: &(dyn Fn() + Sync),
 ) -> Option<Vec<(DVec3, f64)>> {
-    entropies_of(dvr, &request.sphere, &request.spread(count), cancel, tick)
+    entropies_of(dvr, &request.sphere, &request.directions(count), cancel, tick)
 }
 
 /// Entropies of upright views, with their directions.
@@ -373,7 +373,7 @@ mod tests {
         let dvr = Dvr::new(&field, Medium::absorbing(0.1)).unwrap().over([1.0; 3]);
         for size in [24, 70] {
             let sphere = Sphere::around(&field.outline(), [size, size], 40.0, Up::Z).unwrap();
-            let starts = spread(3, Up::Z);
+            let starts = fibonacci(3, Up::Z);
             let request = Request { sphere, starts, exact_starts: vec![DVec3::X], iterations: 2, hemisphere: false };
             let ticked = AtomicUsize::new(0);
             let tick = || {

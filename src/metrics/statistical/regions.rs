@@ -61,7 +61,7 @@ impl Statistic {
 }
 
 /// Moves a difference towards 0 by the magnitude that counts as none.
-fn beyond(difference: f64, allowed: f64) -> f64 {
+fn excess(difference: f64, allowed: f64) -> f64 {
     difference.signum() * (difference.abs() - allowed).max(0.0)
 }
 
@@ -76,7 +76,7 @@ impl Sums {
         } else {
             f64::INFINITY
         };
-        Statistic::of(beyond(self.difference, self.allowed), self.variance, freedom, self.silent)
+        Statistic::of(excess(self.difference, self.allowed), self.variance, freedom, self.silent)
     }
 }
 
@@ -170,7 +170,7 @@ impl Differences<'_> {
         let width = self.sides[0].width;
         let test = |pixel: usize| {
             let variance = self.guarded_variance(pixel);
-            let beyond = beyond(self.difference(pixel), self.allowed(pixel));
+            let beyond = excess(self.difference(pixel), self.allowed(pixel));
             let found = Statistic::of(beyond, variance, self.freedom(pixel), self.silent(pixel));
             (found.p, found, pixel, variance)
         };
@@ -239,9 +239,9 @@ impl Differences<'_> {
         }
     }
 
-    fn spread(&self) -> SpreadTest {
+    fn dispersion(&self) -> SpreadTest {
         let pixels = || (0..self.used.len()).filter(|p| self.used[*p]);
-        let square = |pixel: usize| beyond(self.difference(pixel), self.allowed(pixel)).powi(2);
+        let square = |pixel: usize| excess(self.difference(pixel), self.allowed(pixel)).powi(2);
         let count = pixels().count().max(1) as f64;
         let mean_square = pixels().map(square).sum::<f64>() / count;
         let mean_variance = pixels().map(|p| self.variance(p)).sum::<f64>() / count;
@@ -292,6 +292,6 @@ pub(super) fn channel(
         mean: all.mean(),
         pixels: all.pixels(),
         tiles: all.tiles(question.tile),
-        spread: all.spread(),
+        spread: all.dispersion(),
     })
 }

@@ -65,7 +65,7 @@ impl Pair<'_, '_> {
     /// `effort` allows on different lattices, one of each group of neighbors stands for all.
     pub(super) fn sum(&self, effort: Effort, step: OnStep<'_>) -> (Partial, Option<u64>) {
         let group = if self.same { 1 } else { self.blocks.len().div_ceil(effort.blocks) };
-        let chosen = chosen(&self.blocks, group);
+        let chosen = subsampled(&self.blocks, group);
         let total = (chosen.len() + self.interpolated.len()) as u64;
         let done = AtomicU64::new(0);
         let tick = || {
@@ -248,7 +248,7 @@ impl Pair<'_, '_> {
 
 /// Returns one of each `group` of blocks in a row, at a place that a hash of the row's number tells: a regular pattern
 /// of the volume's is not mistaken for the whole.
-fn chosen(blocks: &[[i32; 3]], group: usize) -> Cow<'_, [[i32; 3]]> {
+fn subsampled(blocks: &[[i32; 3]], group: usize) -> Cow<'_, [[i32; 3]]> {
     if group <= 1 {
         return Cow::Borrowed(blocks);
     }

@@ -321,7 +321,7 @@ impl<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usi
         rule.segments(&compiled.curve, &pass.dvr.field.values, spans, self.scratch);
         for k in (0..self.scratch.len()).rev() {
             let segment = self.scratch[k];
-            let optics = segment.optics(self.segments.piece(&segment));
+            let optics = segment.segment_optics(self.segments.piece(&segment));
             self.step(&segment, &optics);
         }
     }

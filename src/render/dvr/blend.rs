@@ -70,7 +70,7 @@ impl<R: Real, S: Shade<R>, Q: Rule<R, C, Segment = S>, const C: usize> Compositi
         self.rule.segments(self.curve, self.values, spans, self.segments);
         for segment in self.segments.iter() {
             let piece = self.curve.piece(segment.piece());
-            let optics = segment.optics(piece);
+            let optics = segment.segment_optics(piece);
             self.depth += optics.depth.f64();
             let after = (-self.depth).exp();
             let (absorbed, varied) = (self.transmittance - after, self.transmittance * optics.varied.f64());

@@ -20,14 +20,14 @@ use crate::scene::bricks::slot;
 
 /// A ray through a medium, whose way a tape holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Walked {
+pub(crate) struct TracedRay {
     /// Optical depth of the ray, or of the part of it that was walked.
     pub depth: f64,
     /// World length from the ray's origin to where its way begins.
     enter: f64,
 }
 
-impl Walked {
+impl TracedRay {
     /// A ray that meets nothing.
     const NOTHING: Self = Self { depth: 0.0, enter: 0.0 };
 
@@ -49,21 +49,21 @@ struct Walk<'k, 'd> {
 }
 
 impl pulp::NullaryFnOnce for Walk<'_, '_> {
-    type Output = Walked;
+    type Output = TracedRay;
 
     #[inline(always)]
-    fn call(self) -> Walked {
+    fn call(self) -> TracedRay {
         let Self { dvr, ray, length, limit, tape } = self;
-        let Some(enter) = dvr.index_ray(ray).map(|ray| ray.enter) else { return Walked::NOTHING };
+        let Some(enter) = dvr.index_ray(ray).map(|ray| ray.enter) else { return TracedRay::NOTHING };
         // From the entry on, single precision resolves positions however far the camera is.
         let inner = Ray { origin: ray.at(enter), direction: ray.direction };
-        let Some(mut inner) = dvr.index_ray(&inner) else { return Walked::NOTHING };
+        let Some(mut inner) = dvr.index_ray(&inner) else { return TracedRay::NOTHING };
         inner.leave = inner.leave.min(length - enter);
         let depth = match &dvr.compiled {
             CompiledMedium::Line(_) => dvr.walk_spans(&inner, limit, tape),
             CompiledMedium::Table(..) => dvr.walk_chords(&inner, limit, tape),
         };
-        Walked { depth, enter }
+        TracedRay { depth, enter }
     }
 }
 
@@ -90,13 +90,13 @@ impl pulp::NullaryFnOnce for Locate<'_, '_> {
 impl Dvr<'_, f32> {
     /// Walks along a world ray of unit direction with exact quadrature, and keeps its way on the tape. A ray that ends
     /// early ([`Dvr::early_stop`]) has no collisions behind its end.
-    pub(crate) fn walk(&self, ray: &Ray, tape: &mut Tape<f32>) -> Walked {
+    pub(crate) fn walk(&self, ray: &Ray, tape: &mut Tape<f32>) -> TracedRay {
         self.arch.dispatch(Walk { dvr: self, ray, length: f64::INFINITY, limit: self.depth_limit, tape })
     }
 
     /// Returns the point at an optical depth along the ray whose way the tape holds, as the world length from the ray's
     /// origin and the density there; `None` if the ray meets nothing.
-    pub(crate) fn locate(&self, walked: &Walked, depth: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
+    pub(crate) fn locate(&self, walked: &TracedRay, depth: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
         if walked.depth <= 0.0 {
             return None;
         }

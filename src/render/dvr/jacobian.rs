@@ -108,7 +108,7 @@ impl<R: Precision> Dvr<'_, R> {
                 }
                 cotangent
             };
-            tape.by_table.clear(jacobian.by_knot().len());
+            tape.by_table.reset(jacobian.by_knot().len());
             let table = Some(&mut tape.by_table);
             let to = Accumulators { voxels: None, table, ray: None, shared: &mut shared };
             radiance = tables.whole(&mut Pass::new(self, ray, to), &mut loss, compiled, &mut tape.preintegrated)?;

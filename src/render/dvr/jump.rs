@@ -76,7 +76,7 @@ impl<R: Real, const C: usize> Jump<R, C> {
             other = next(other)?;
         }
         let level = if upper { piece.high } else { piece.low };
-        let [own, more] = piece.side(level).beside(&curve.piece(other).side(level));
+        let [own, more] = piece.side(level).sides(&curve.piece(other).side(level));
         Some(Self {
             place,
             slopes,

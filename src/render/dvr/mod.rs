@@ -24,7 +24,7 @@ mod tape;
 
 #[doc(hidden)]
 pub(crate) use adjoint::Pass;
-pub(crate) use free_path::Walked;
+pub(crate) use free_path::TracedRay;
 pub(crate) use free_path::density;
 pub(crate) use jacobian::ByKnot;
 pub use jacobian::TableJacobian;

@@ -71,7 +71,7 @@ pub(super) trait Shade<R: Real>: Copy {
     /// Returns the number of the curve's piece that the segment lies in.
     fn piece(&self) -> u32;
     /// Returns the optics of the segment.
-    fn optics<const C: usize>(&self, piece: &Piece<R, C>) -> SegmentOptics<R>;
+    fn segment_optics<const C: usize>(&self, piece: &Piece<R, C>) -> SegmentOptics<R>;
     /// Returns the derivatives of a loss; `slope` is that of the loss-weighted source with the density.
     fn vjp<const C: usize>(
         &self,
@@ -95,7 +95,7 @@ impl<R: Real> Shade<R> for Sample<R> {
     }
 
     #[inline(always)]
-    fn optics<const C: usize>(&self, piece: &Piece<R, C>) -> SegmentOptics<R> {
+    fn segment_optics<const C: usize>(&self, piece: &Piece<R, C>) -> SegmentOptics<R> {
         let extinction = piece.extinction[0] + piece.extinction[1] * (self.density - piece.base);
         let zero = R::Lanes::splat(R::ZERO);
         SegmentOptics { depth: extinction * self.length, mean: self.density, varied: R::ZERO, transmittance: zero }
@@ -137,7 +137,7 @@ impl<R: Real> Shade<R> for Chord<R> {
     }
 
     #[inline(always)]
-    fn optics<const C: usize>(&self, piece: &Piece<R, C>) -> SegmentOptics<R> {
+    fn segment_optics<const C: usize>(&self, piece: &Piece<R, C>) -> SegmentOptics<R> {
         let all = <R::Lanes as Lanes<R>>::splat;
         let weights = gauss::lanes::<R>(gauss::WEIGHTS);
         let x = self.depths(piece);

@@ -36,7 +36,7 @@ impl<R: Real> Tape<R> {
     /// Adds `by_depth · extinction` times the interpolation weights of all traced rays to `gradient`, by stored value,
     /// and forgets the rays.
     #[inline(always)]
-    pub fn spread(&mut self, by_depth: f64, dvr: &Dvr<'_, R>, gradient: &mut [R]) {
+    pub fn accumulate(&mut self, by_depth: f64, dvr: &Dvr<'_, R>, gradient: &mut [R]) {
         let g = R::of(dvr.medium.extinction * by_depth);
         if g != R::ZERO {
             for cells in &self.cells {

@@ -68,7 +68,7 @@ fn pick(shares: DVec3, u: f64) -> usize {
 }
 
 /// Returns, by channel, `factor · e^{-depth}` over its mean by shares: what one channel's draw is worth in each.
-fn worth(factor: DVec3, depths: DVec3, shares: DVec3) -> Vec3 {
+fn draw_weight(factor: DVec3, depths: DVec3, shares: DVec3) -> Vec3 {
     let drawn = shares.cmpgt(DVec3::ZERO);
     // Only ratios matter, and they do not underflow from the least depth on.
     let least = DVec3::select(drawn, depths, DVec3::INFINITY).min_element();
@@ -99,14 +99,14 @@ impl Media for Chromatic<'_> {
         }
         let collision = nearest?;
         let depths = self.depths(ray, collision.distance, scratch);
-        Some((collision, worth(self.0[collision.volume].color, depths, shares)))
+        Some((collision, draw_weight(self.0[collision.volume].color, depths, shares)))
     }
 
     fn survival(&self, ray: &Ray, distance: f64, weight: Vec3, scratch: &mut Scratch) -> Vec3 {
-        worth(DVec3::ONE, self.depths(ray, distance, scratch), shares(weight))
+        draw_weight(DVec3::ONE, self.depths(ray, distance, scratch), shares(weight))
     }
 
-    fn look(&self, ray: &Ray, scratch: &mut Scratch) {
+    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch) {
         let [one] = &self.0[..] else {
             scratch.depths = self.depths(ray, f64::INFINITY, scratch);
             return;
@@ -128,7 +128,7 @@ impl Media for Chromatic<'_> {
         if sum <= 0.0 {
             return Primary { transmittance, collision: None, spare: 0.0 };
         }
-        let [u, channel, spare, _] = sampler.even();
+        let [u, channel, spare, _] = sampler.stratified();
         let channel = pick(opacities / sum, channel);
         let depth = -(u * -opacities[channel]).ln_1p() / one.color[channel];
         let found = one.volume.dvr.locate(&walked, depth, &mut scratch.camera);
@@ -180,7 +180,7 @@ mod tests {
     fn draws_stand_for_all_channels() {
         let (factor, depths) = (DVec3::new(1.0, 0.5, 0.0), DVec3::new(800.0, 400.0, 0.0));
         let weight = Vec3::new(0.2, 0.3, 0.0);
-        let worth = worth(factor, depths, shares(weight));
+        let worth = draw_weight(factor, depths, shares(weight));
         assert!(worth.is_finite() && (worth.dot(weight) - weight.element_sum()).abs() < 1e-6, "{worth}");
         assert_eq!(worth.z, 0.0);
         assert_eq!(shares(Vec3::ZERO).element_sum(), 1.0);

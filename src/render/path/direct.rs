@@ -52,7 +52,7 @@ impl Lighting {
 
     /// Returns what the camera sees in a direction behind the media.
     #[inline(always)]
-    pub(crate) fn behind(&self, direction: DVec3) -> Vec3 {
+    pub(crate) fn background(&self, direction: DVec3) -> Vec3 {
         self.background.unwrap_or_else(|| self.environment.towards(direction))
     }
 
@@ -88,7 +88,13 @@ impl Lighting {
     /// Returns the radiance that a ray meets before `reach`, weighted against drawing it from the lights; the ray's
     /// direction was drawn with the given density. `survival` tells what light from a distance is to be multiplied by.
     #[inline(always)]
-    pub(crate) fn met(&self, ray: &Ray, reach: f64, density: f64, mut survival: impl FnMut(f64) -> Vec3) -> Vec3 {
+    pub(crate) fn hit_radiance(
+        &self,
+        ray: &Ray,
+        reach: f64,
+        density: f64,
+        mut survival: impl FnMut(f64) -> Vec3,
+    ) -> Vec3 {
         let count = self.count();
         let mut radiance = Vec3::ZERO;
         if reach.is_infinite() {

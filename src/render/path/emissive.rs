@@ -12,7 +12,7 @@ use glam::{DVec3, Vec3};
 /// Emission by grids beside media.
 pub(super) trait Glow: Sync + Send {
     /// Walks along a camera's ray, before paths are traced from it.
-    fn look(&self, _: &Ray, _: &mut Scratch) {}
+    fn walk_primary(&self, _: &Ray, _: &mut Scratch) {}
     /// Returns an estimate of the radiance along a world ray of unit direction through the media; `of_camera` for the
     /// camera's ray that was walked last.
     fn emitted(
@@ -43,7 +43,7 @@ impl<'a> Integrated<'a> {
 
 impl Glow for Integrated<'_> {
     #[inline(always)]
-    fn look(&self, ray: &Ray, scratch: &mut Scratch) {
+    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch) {
         scratch.emitted = self.radiance(ray, scratch);
     }
 
@@ -83,9 +83,9 @@ impl<M: Media, G: Glow> Media for Emissive<M, G> {
     }
 
     #[inline(always)]
-    fn look(&self, ray: &Ray, scratch: &mut Scratch) {
-        self.glow.look(ray, scratch);
-        self.media.look(ray, scratch);
+    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch) {
+        self.glow.walk_primary(ray, scratch);
+        self.media.walk_primary(ray, scratch);
     }
 
     #[inline(always)]

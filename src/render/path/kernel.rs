@@ -4,7 +4,7 @@ use super::Kernel;
 use super::chromatic::Chromatic;
 use super::emissive::{Emissive, Integrated};
 use super::flames::Flames;
-use super::optics::{Any, Optics};
+use super::optics::{Any, DensityMedium};
 use super::phase::{HenyeyGreenstein, Isotropic, Shaded};
 use super::tracking::{Media, One, any};
 use crate::error::{Error, Result};
@@ -68,7 +68,7 @@ fn single<'a>(scene: &'a Scene, field: &'a Bricks<f32>, medium: &Medium) -> Resu
 }
 
 /// Returns the volume as a kernel that is compiled for its phase function.
-fn with_phase<'a, O: Optics + 'a>(one: One<'a, O, Shaded>) -> Box<dyn Kernel + 'a> {
+fn with_phase<'a, O: DensityMedium + 'a>(one: One<'a, O, Shaded>) -> Box<dyn Kernel + 'a> {
     let One { dvr, optics, albedo, phases, shadows } = one;
     match phases.unshaded() {
         Some(Phase::Isotropic) => Box::new(One { dvr, optics, albedo, phases: Isotropic, shadows }),

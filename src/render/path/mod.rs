@@ -29,7 +29,7 @@ pub use picture::{PathFilm, Sampling, View};
 use crate::arch::Arch;
 use crate::error::Result;
 use crate::math::Ray;
-use crate::render::dvr::{Tape, Walked};
+use crate::render::dvr::{Tape, TracedRay};
 use crate::render::preshaded;
 use crate::render::sampler::Sampler;
 use crate::scene::scene::Scene;
@@ -82,7 +82,7 @@ pub struct Scratch {
     tape: Tape<f32>,
     /// The way of the camera's ray that was walked last.
     camera: Tape<f32>,
-    walked: Option<Walked>,
+    walked: Option<TracedRay>,
     /// Optical depth of that ray by channel, and the radiance of the grid beside the media along it, where kernels ask
     /// for them.
     depths: DVec3,
@@ -168,7 +168,7 @@ trait Kernel: Sync + Send {
     /// Returns the unit vector in which the density of a volume falls; 0 where it is constant.
     fn normal(&self, first: &First) -> DVec3;
     /// Walks along a camera's ray, before paths are traced from it.
-    fn look(&self, ray: &Ray, scratch: &mut Scratch);
+    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch);
     fn trace(&self, tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample;
 }
 
@@ -177,8 +177,8 @@ impl<M: Media> Kernel for M {
         Media::normal(self, first.volume, first.position)
     }
 
-    fn look(&self, ray: &Ray, scratch: &mut Scratch) {
-        Media::look(self, ray, scratch);
+    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch) {
+        Media::walk_primary(self, ray, scratch);
     }
 
     fn trace(&self, tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
@@ -231,13 +231,13 @@ impl<'a> PathTracer<'a> {
 
     /// Returns one path's estimate of the radiance along a world ray of unit direction.
     pub fn sample(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
-        self.kernel.look(ray, scratch);
-        self.again(ray, sampler, scratch)
+        self.kernel.walk_primary(ray, scratch);
+        self.sample_again(ray, sampler, scratch)
     }
 
     /// Returns another path's estimate along the ray of the last call of [`PathTracer::sample`] with this scratch
     /// memory, for less.
-    fn again(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
+    fn sample_again(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
         scratch.counts.paths += 1;
         self.kernel.trace(self, ray, sampler, scratch)
     }
@@ -260,7 +260,7 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
     fn call(self) -> PathSample {
         let Self { media, lighting, limits, ray, sampler, scratch } = self;
         let Primary { transmittance, collision, spare } = media.first(ray, sampler, scratch);
-        let unscattered = transmittance * lighting.behind(ray.direction);
+        let unscattered = transmittance * lighting.background(ray.direction);
         let mut out = PathSample { unscattered, transmittance: mean(transmittance), ..PathSample::default() };
         if M::GLOWS {
             out.unscattered += media.emitted(ray, true, sampler, scratch);
@@ -291,7 +291,7 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             }
             bounces += 1;
             let phase = media.phase(&collision, at);
-            let [u, v, of_lights, of_light] = sampler.even();
+            let [u, v, of_lights, of_light] = sampler.stratified();
             if let Some(arrival) = lighting.sample(at, [of_lights, of_light]) {
                 let toward = Ray { origin: at, direction: arrival.direction };
                 let scattered = phase.value(ray.direction, arrival.direction);
@@ -308,7 +308,8 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             }
             let next = media.collide(&ray, weight, sampler, scratch);
             let reach = next.map_or(f64::INFINITY, |(collision, _)| collision.distance);
-            let met = lighting.met(&ray, reach, density, |distance| media.survival(&ray, distance, weight, scratch));
+            let met =
+                lighting.hit_radiance(&ray, reach, density, |distance| media.survival(&ray, distance, weight, scratch));
             *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += weight * met;
             let Some((next, factor)) = next else { return out };
             (collision, weight) = (next, weight * factor);

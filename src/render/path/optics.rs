@@ -6,7 +6,7 @@ use crate::scene::medium::{Medium, Source};
 use glam::Vec3;
 
 /// Extinction and source of a medium by its density.
-pub(super) trait Optics: Sync + Send {
+pub(super) trait DensityMedium: Sync + Send {
     /// False if the source is black for every density.
     const EMITS: bool;
     /// Returns the extinction per world length.
@@ -21,7 +21,7 @@ pub(super) struct Dark {
     pub extinction: f32,
 }
 
-impl Optics for Dark {
+impl DensityMedium for Dark {
     const EMITS: bool = false;
 
     #[inline(always)]
@@ -45,7 +45,7 @@ pub(super) struct Emitting {
     pub slope: Vec3,
 }
 
-impl Optics for Emitting {
+impl DensityMedium for Emitting {
     const EMITS: bool = true;
 
     #[inline(always)]
@@ -65,7 +65,7 @@ pub(super) struct Transfer {
     pub curve: Curve<f32, 3>,
 }
 
-impl Optics for Transfer {
+impl DensityMedium for Transfer {
     const EMITS: bool = true;
 
     #[inline(always)]
@@ -107,7 +107,7 @@ impl Any {
     }
 }
 
-impl Optics for Any {
+impl DensityMedium for Any {
     const EMITS: bool = true;
 
     #[inline(always)]

@@ -209,17 +209,17 @@ impl PathTracer<'_> {
                 }
                 let (half, seed) = paths.of_ray(number, sampling.seed);
                 let ray_place = paths.place(number);
-                let [dx, dy, ..] = Sampler::new(seed, in_whole, ray_place).even();
+                let [dx, dy, ..] = Sampler::new(seed, in_whole, ray_place).stratified();
                 let place = DVec2::new(at[0] as f64 + dx, at[1] as f64 + dy);
                 let ray = camera.ray(place.x, place.y);
                 let mut of_ray = [0.0; 4];
                 for path in ray_place * each..(ray_place + 1) * each {
                     let mut sampler = Sampler::new(seed, in_whole, path);
                     // The first set of numbers is that of the ray's place.
-                    sampler.even();
+                    sampler.stratified();
                     let mut sample = match path % each {
                         0 => self.sample(&ray, &mut sampler, scratch),
-                        _ => self.again(&ray, &mut sampler, scratch),
+                        _ => self.sample_again(&ray, &mut sampler, scratch),
                     };
                     if let Some(most) = sampling.clamp {
                         sample.clamp(most, &mut scratch.counts);

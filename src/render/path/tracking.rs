@@ -4,7 +4,7 @@
 //! majorant is real. Their chances not to be are the factors of ratio tracking (Novák et al. 2014). Bricks in which
 //! nothing absorbs are skipped.
 
-use super::optics::{Any, Optics};
+use super::optics::{Any, DensityMedium};
 use super::phase::{Mixed, PhaseFunction, Phases, Shaded, gradient};
 use super::{Counts, Scratch};
 use crate::error::{Error, Result};
@@ -59,7 +59,7 @@ pub(super) trait Media: Sync + Send {
     /// Returns what the weight of a ray is to be multiplied by that [`Media::collide`] let go on beyond a distance.
     fn survival(&self, ray: &Ray, distance: f64, weight: Vec3, scratch: &mut Scratch) -> Vec3;
     /// Walks along a camera's ray, before collisions are drawn on it.
-    fn look(&self, ray: &Ray, scratch: &mut Scratch);
+    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch);
     /// Returns an estimate of the radiance of the grids beside the media along a world ray of unit direction;
     /// `of_camera` for the camera's ray that was walked last.
     fn emitted(&self, _: &Ray, _of_camera: bool, _: &mut Sampler, _: &mut Scratch) -> Vec3 {
@@ -138,7 +138,7 @@ pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a,
     Ok(One { dvr, optics, albedo: Vec3::from_array(albedo), phases, shadows })
 }
 
-impl<O: Optics, P> One<'_, O, P> {
+impl<O: DensityMedium, P> One<'_, O, P> {
     /// Calls `visit` with the distance, density, extinction and majorant at each tentative collision before `limit`,
     /// until it returns false. Returns, where a brick's bound is too loose for this, the place from which the ray goes
     /// on by exact quadrature, and the optical depth that is left to the next tentative collision.
@@ -251,7 +251,7 @@ impl<O: Optics, P> One<'_, O, P> {
     }
 }
 
-impl<O: Optics, P: Phases> Media for One<'_, O, P> {
+impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
     type Phase = P::At;
     const EMITS: bool = O::EMITS;
 
@@ -267,14 +267,14 @@ impl<O: Optics, P: Phases> Media for One<'_, O, P> {
     }
 
     #[inline(always)]
-    fn look(&self, ray: &Ray, scratch: &mut Scratch) {
+    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch) {
         scratch.walked = Some(self.dvr.walk(ray, &mut scratch.camera));
     }
 
     /// The transmittance is exact, and every ray that meets the medium collides with it.
     #[inline(always)]
     fn first(&self, _: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
-        let [u, spare, ..] = sampler.even();
+        let [u, spare, ..] = sampler.stratified();
         let Some(walked) = &scratch.walked else {
             return Primary { transmittance: Vec3::ONE, collision: None, spare };
         };
@@ -339,7 +339,7 @@ impl Media for Vec<One<'_, Any, Shaded>> {
 
     /// Collisions are drawn by tracking: there is nothing to be prepared.
     #[inline(always)]
-    fn look(&self, _: &Ray, _: &mut Scratch) {}
+    fn walk_primary(&self, _: &Ray, _: &mut Scratch) {}
 
     #[inline(always)]
     fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {

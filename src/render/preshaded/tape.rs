@@ -17,7 +17,7 @@ impl<R: Real> Tape<R> {
     /// Adds the derivative of `Σ g_c L_c` over the rays traced with respect to the stored emissions to `gradient`, and
     /// forgets the rays. The last lane, that of extinctions, is left unchanged.
     #[inline(always)]
-    pub fn spread(&mut self, by: [R; 3], gradient: &mut [R::Lanes]) {
+    pub fn accumulate(&mut self, by: [R; 3], gradient: &mut [R::Lanes]) {
         let by = R::Lanes::load([by[0], by[1], by[2], R::ZERO]);
         for footprint in &self.footprints {
             scatter::<R>(gradient, footprint.offset, &footprint.weights, by);

@@ -57,7 +57,7 @@ impl Record {
 }
 
 /// Name and capture of other renders to show beside the program's own.
-pub type Beside = (String, Capture);
+pub type ExtraRenders = (String, Capture);
 
 /// Largest size of a record in bytes; one of a hundred thousand iterations takes less.
 const MAX_BYTES: u64 = 1 << 26;
@@ -94,7 +94,7 @@ fn keep(dir: &Path, record: &Record) -> Result<()> {
 
 /// Reads the picture of other renders whose camera stands where `camera` does, and returns it with their name; none if
 /// there is none.
-fn extra(beside: Option<&Beside>, camera: &Camera, limits: Limits) -> Result<Option<(String, Film)>> {
+fn extra(beside: Option<&ExtraRenders>, camera: &Camera, limits: Limits) -> Result<Option<(String, Film)>> {
     let near = 1e-6 * (1.0 + camera.position().length());
     let Some((name, capture)) = beside else { return Ok(None) };
     let stands = |f: &&Frame| f.camera.camera_to_world.abs_diff_eq(camera.camera_to_world, near);

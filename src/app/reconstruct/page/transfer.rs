@@ -1,6 +1,6 @@
 //! The page of a transfer function that was reconstructed.
 
-use super::{Beside, extra};
+use super::{ExtraRenders, extra};
 use crate::app::photos;
 use crate::app::reconstruct::transfer_run::TransferRun;
 use crate::app::run;
@@ -66,7 +66,7 @@ pub(crate) fn views(
     run: &TransferRun,
     numbers: &[usize],
     limits: Limits,
-    beside: Option<&Beside>,
+    beside: Option<&ExtraRenders>,
     cancel: &Cancel,
 ) -> Result<Vec<View>> {
     let capture = captures::load(&run.capture)?;

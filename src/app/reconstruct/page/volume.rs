@@ -1,6 +1,6 @@
 //! The page of a volume that was reconstructed.
 
-use super::{Beside, extra};
+use super::{ExtraRenders, extra};
 use crate::app::photos;
 use crate::app::run::{self, Run, Solver};
 use crate::app::volume as volumes;
@@ -16,7 +16,7 @@ use crate::render::any_renderer::AnyRenderer;
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
-use crate::report::{Beside as Quantity, MOST_THUMBNAILS, Page, Plot, Series, Thumbnail, ViewRow, choose};
+use crate::report::{CompanionVolume as Quantity, MOST_THUMBNAILS, Page, Plot, Series, Thumbnail, ViewRow, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
 use crate::scene::grid::Grid;
@@ -52,7 +52,7 @@ pub(crate) fn page(
     run: &Run,
     limits: Limits,
     reference: Option<&Grid>,
-    beside: Option<&Beside>,
+    beside: Option<&ExtraRenders>,
     cancel: &Cancel,
 ) -> Result<(Page, Option<VolumeError>)> {
     let volume = Reconstruction::read(run, limits)?;
@@ -243,7 +243,7 @@ fn bricks(grid: &Grid, path: &Path, limits: Limits) -> Result<Bricks<f32>> {
 fn rows(
     run: &Run,
     volume: &Reconstruction,
-    beside: Option<&Beside>,
+    beside: Option<&ExtraRenders>,
     limits: Limits,
     cancel: &Cancel,
 ) -> Result<Vec<ViewRow>> {

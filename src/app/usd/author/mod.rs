@@ -155,7 +155,7 @@ impl AuthorSettings {
         let mut provenance = Provenance::begin(context);
         let limits = self.limits;
         outputs::file(&self.output, Kind::UsdText)?;
-        self.spare(&provenance.command)?;
+        self.refuse_overwrite(&provenance.command)?;
         let content = self.content()?;
         let up = self.up.of(&self.input, limits)?;
         context.note(&up);
@@ -194,7 +194,7 @@ impl AuthorSettings {
     }
 
     /// Refuses to replace a stage that another command wrote.
-    fn spare(&self, command: &str) -> Result<()> {
+    fn refuse_overwrite(&self, command: &str) -> Result<()> {
         if self.overwrite || !self.output.exists() {
             return Ok(());
         }

@@ -65,7 +65,7 @@ pub(crate) fn damaged(what: impl Into<String>) -> Error {
 }
 
 /// Tag in the standard's notation.
-pub(crate) fn shown(tag: u32) -> String {
+pub(crate) fn tag_text(tag: u32) -> String {
     format!("({:04x},{:04x})", tag >> 16, tag & 0xffff)
 }
 
@@ -136,7 +136,7 @@ impl Elements {
         }
         let vr = self.bytes()?;
         if !vr.iter().all(u8::is_ascii_uppercase) {
-            return Err(damaged(format!("element {} has the type {vr:02x?}; two letters are expected", shown(tag))));
+            return Err(damaged(format!("element {} has the type {vr:02x?}; two letters are expected", tag_text(tag))));
         }
         let long = matches!(
             &vr,
@@ -169,7 +169,7 @@ impl Elements {
     /// Reads a value as bytes.
     pub(crate) fn value(&mut self, head: Head) -> Result<Vec<u8>> {
         let length = head.length.filter(|n| *n <= MOST_VALUE).ok_or_else(|| {
-            damaged(format!("element {} has a value of {:?} bytes, too many for it", shown(head.tag), head.length))
+            damaged(format!("element {} has a value of {:?} bytes, too many for it", tag_text(head.tag), head.length))
         })?;
         self.keep(length.into())?;
         let mut bytes = vec![0; length as usize];
@@ -219,7 +219,7 @@ impl Elements {
             match (tag, self.head_of(tag)?.length) {
                 (ITEM, Some(length)) => self.skip(length.into())?,
                 (SEQUENCE_END, _) => return Ok(()),
-                _ => return Err(damaged(format!("element {} among packed pixels", shown(tag)))),
+                _ => return Err(damaged(format!("element {} among packed pixels", tag_text(tag)))),
             }
         }
     }
@@ -244,7 +244,9 @@ impl Elements {
                     self.keep(0)?;
                     items.push(self.item(length, wanted, depth)?);
                 }
-                _ => return Err(damaged(format!("element {} in a sequence, where an item is expected", shown(tag)))),
+                _ => {
+                    return Err(damaged(format!("element {} in a sequence, where an item is expected", tag_text(tag))));
+                }
             }
         }
         self.syntax = syntax;

@@ -1,6 +1,6 @@
 //! Elements as numbers and text, and the frames that they describe.
 
-use super::element::{Item, Value, damaged, shown};
+use super::element::{Item, Value, damaged, tag_text};
 use super::tags::{
     INTERCEPT, ORIENTATION, PIXEL_MEASURES, PIXEL_SPACING, PLANE_ORIENTATION, PLANE_POSITION, POSITION,
     SLICE_THICKNESS, SLOPE, SPACING_BETWEEN_SLICES, VALUE_TRANSFORMATION,
@@ -58,7 +58,7 @@ impl Fields<'_> {
         let numbers = Self::list(&text).and_then(|n| <[f64; N]>::try_from(n).ok());
         numbers.map(Some).ok_or_else(|| {
             let start: String = text.chars().take(40).collect();
-            damaged(format!("element {} is '{start}'; {N} numbers are expected", shown(tag)))
+            damaged(format!("element {} is '{start}'; {N} numbers are expected", tag_text(tag)))
         })
     }
     /// One decimal number.
@@ -108,7 +108,7 @@ impl Fields<'_> {
                 return Err(damaged(format!(
                     "the slope that stored values are multiplied by, element {}, is 0, which leaves nothing of them; \
                      another number is expected",
-                    shown(SLOPE)
+                    tag_text(SLOPE)
                 )));
             }
             frame.rescaled = [frame.rescaled[0] || slope.is_some(), frame.rescaled[1] || intercept.is_some()];

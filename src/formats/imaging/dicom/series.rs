@@ -163,7 +163,7 @@ impl<'p> Folder<'p> {
         }
         if let Some(first) = passed.first() {
             let count = passed.len();
-            let (name, what) = (shown(&first.path), first.error.what());
+            let (name, what) = (file_name(&first.path), first.error.what());
             notes.push(format!(
                 "{count} DICOM file(s) of the folder were passed over, the first, {name}, because: {what}"
             ));
@@ -177,16 +177,16 @@ impl<'p> Folder<'p> {
     }
 }
 
-fn shown(path: &Path) -> String {
+fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// True if a file has an ending of DICOM, or the name of a slice but for its numbers. Files that systems hide have
 /// neither.
 fn is_named_as_slice(path: &Path, files: &[File]) -> bool {
-    let name = shown(path);
+    let name = file_name(path);
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
-    let alike = || files.iter().any(|file| unnumbered(&shown(&file.path)) == unnumbered(&name));
+    let alike = || files.iter().any(|file| unnumbered(&file_name(&file.path)) == unnumbered(&name));
     !name.starts_with('.') && (["dcm", "dicom", "dic", "ima"].iter().any(|e| ending == *e) || alike())
 }
 

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::formats::imaging::image::Slices;
 use crate::formats::imaging::input::{self, Packing};
 use crate::formats::imaging::stream::{self, Binary, Words};
-use crate::formats::imaging::text::{shown, wrong};
+use crate::formats::imaging::text::{excerpt, wrong};
 use crate::formats::sample::{Endian, Sample};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -30,8 +30,11 @@ fn sample(name: &str) -> Result<Sample> {
         "float" => Sample::F32,
         "double" => Sample::F64,
         other => {
-            return Err(Error::unsupported(format!("values of type '{}'; integers and floats are read", shown(other)))
-                .hint("convert them to floats where the file was made"));
+            return Err(Error::unsupported(format!(
+                "values of type '{}'; integers and floats are read",
+                excerpt(other)
+            ))
+            .hint("convert them to floats where the file was made"));
         }
     })
 }
@@ -66,7 +69,7 @@ impl Data {
             other => {
                 return Err(Error::unsupported(format!(
                     "the encoding '{}'; raw, gzip and ascii are read",
-                    shown(other)
+                    excerpt(other)
                 ))
                 .hint("write the file again with one of these: unu save -f nrrd -e gzip -i IN -o OUT"));
             }
@@ -154,7 +157,7 @@ fn data_files(text: &str, path: &Path, rest: &[String]) -> Result<Vec<PathBuf>> 
         }
         _ => vec![text.to_owned()],
     };
-    names.iter().map(|name| input::beside(path, name)).collect()
+    names.iter().map(|name| input::companion(path, name)).collect()
 }
 
 /// Slices of several files, each opened when it is its turn.

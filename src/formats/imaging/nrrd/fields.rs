@@ -1,7 +1,7 @@
 //! Fields of a header, and vectors in them.
 
 use crate::error::{Error, Result};
-use crate::formats::imaging::text::{self, shown, wrong};
+use crate::formats::imaging::text::{self, excerpt, wrong};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -21,7 +21,9 @@ impl Fields {
                     fields.insert(name.trim().to_ascii_lowercase(), value.trim().to_owned());
                 }
                 None => {
-                    return Err(Error::invalid(format!("the header's line '{}' is no field", shown(line))).hint(AGAIN));
+                    return Err(
+                        Error::invalid(format!("the header's line '{}' is no field", excerpt(line))).hint(AGAIN)
+                    );
                 }
             }
         }

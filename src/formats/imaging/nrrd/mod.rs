@@ -68,9 +68,9 @@ fn unit(fields: &Fields, layout: &Layout) -> Option<String> {
     match &units[..] {
         [] => None,
         [one] if one.is_empty() || one == "mm" => None,
-        [one] => Some(format!("a unit of length is one {}", text::shown(one))),
+        [one] => Some(format!("a unit of length is one {}", text::excerpt(one))),
         several => {
-            let all = text::shown(&several.join(", "));
+            let all = text::excerpt(&several.join(", "));
             Some(format!("the axes have different units ({all}), which are not converted"))
         }
     }

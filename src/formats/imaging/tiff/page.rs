@@ -1,7 +1,7 @@
 //! Pages of a TIFF, decoded by the crate `tiff`.
 
 use crate::error::{Code, Error, Result};
-use crate::formats::imaging::text::shown;
+use crate::formats::imaging::text::excerpt;
 use crate::formats::input;
 use crate::formats::limits::Limits;
 use std::fmt;
@@ -48,7 +48,7 @@ pub(crate) struct Pages {
 fn failed(error: TiffError) -> Error {
     match error {
         TiffError::UnsupportedError(e) => {
-            Error::unsupported(format!("this kind of TIFF is not read: {}", shown(&e.to_string())))
+            Error::unsupported(format!("this kind of TIFF is not read: {}", excerpt(&e.to_string())))
                 .hint("save it again without compression, as grey values of 8, 16 or 32 bits")
         }
         TiffError::LimitsExceeded => Error::unsupported("a page needs more memory than is allowed")
@@ -57,7 +57,7 @@ fn failed(error: TiffError) -> Error {
         TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof && e.raw_os_error().is_some() => {
             Error::system(e)
         }
-        error => Error::invalid(format!("the TIFF is damaged: {}", shown(&error.to_string())))
+        error => Error::invalid(format!("the TIFF is damaged: {}", excerpt(&error.to_string())))
             .hint("copy the file, or write it, again"),
     }
 }

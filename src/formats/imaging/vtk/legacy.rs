@@ -10,7 +10,7 @@ use crate::formats::imaging::input::{self, Packing};
 use crate::formats::imaging::options::Options;
 use crate::formats::imaging::placement;
 use crate::formats::imaging::stream::{Binary, Words};
-use crate::formats::imaging::text::{self, shown, wrong};
+use crate::formats::imaging::text::{self, excerpt, wrong};
 use crate::formats::sample::{Endian, Sample};
 use glam::DVec3;
 use std::fs::File;
@@ -241,7 +241,7 @@ impl Document {
         };
         let kind = scanner.need("its dataset")?;
         if !kind.to_ascii_uppercase().starts_with("DATASET STRUCTURED_POINTS") {
-            return Err(Error::unsupported(format!("'{}'; structured points are read", shown(&kind)))
+            return Err(Error::unsupported(format!("'{}'; structured points are read", excerpt(&kind)))
                 .hint("resample it to an image first: ParaView's filter 'Resample To Image', then save as .vti"));
         }
         let (lattice, mut line) = lattice(&mut scanner)?;
@@ -255,7 +255,7 @@ impl Document {
                     let expected = document.count(cells);
                     if count.parse() != Ok(expected) {
                         return Err(
-                            Error::invalid(format!("'{}', and the grid has {expected}", shown(&text))).hint(AGAIN)
+                            Error::invalid(format!("'{}', and the grid has {expected}", excerpt(&text))).hint(AGAIN)
                         );
                     }
                 }
@@ -290,7 +290,7 @@ impl Document {
             }
             ("COLOR_SCALARS", [name, components]) => {
                 let components: u64 = components.parse().map_err(|_| wrong("COLOR_SCALARS", line))?;
-                self.left_out.push(format!("colors '{}' were left out", shown(name)));
+                self.left_out.push(format!("colors '{}' were left out", excerpt(name)));
                 scanner.pass(count.saturating_mul(components), Type::Number(Sample::U8))
             }
             ("LOOKUP_TABLE", [_, entries]) => {
@@ -301,7 +301,7 @@ impl Document {
                 self.add(scanner, (&name, kind), components, (tuples, cells))
             }),
             ("METADATA", _) => scanner.block(),
-            _ => Err(Error::invalid(format!("'{}' at byte {} is no attribute", shown(line), scanner.at)).hint(AGAIN)),
+            _ => Err(Error::invalid(format!("'{}' at byte {} is no attribute", excerpt(line), scanner.at)).hint(AGAIN)),
         }
     }
 
@@ -320,7 +320,7 @@ impl Document {
                 self.arrays.push(Array { name, sample, components: components as usize, cells, place });
             }
             _ => {
-                self.left_out.push(format!("array '{}' of {count} x {components} values was left out", shown(&name)));
+                self.left_out.push(format!("array '{}' of {count} x {components} values was left out", excerpt(&name)));
             }
         }
         Ok(())

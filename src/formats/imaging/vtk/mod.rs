@@ -15,7 +15,7 @@ pub(crate) use xml::{is_xml, open as open_xml};
 use super::image::{Header, Image, Slices, Values};
 use super::options::Options;
 use super::placement;
-use super::text::shown;
+use super::text::excerpt;
 use crate::error::Result;
 use crate::formats::sample::Sample;
 use crate::math::Affine;
@@ -48,7 +48,7 @@ fn images<P>(
     slices: impl Fn(&Array<P>) -> Result<Box<dyn Slices>>,
 ) -> Result<Vec<Image>> {
     let image = |array: &Array<P>| {
-        let slices = slices(array).map_err(|e| e.part(format!("array '{}'", shown(&array.name))))?;
+        let slices = slices(array).map_err(|e| e.part(format!("array '{}'", excerpt(&array.name))))?;
         Ok(Image { header: lattice.header(array)?, slices })
     };
     let wanted = arrays.iter().filter(|a| options.wants(&a.name));

@@ -12,7 +12,7 @@ use crate::formats::imaging::input::{self, Packing};
 use crate::formats::imaging::options::Options;
 use crate::formats::imaging::placement;
 use crate::formats::imaging::stream::{Binary, Words, failed};
-use crate::formats::imaging::text::{self, shown, wrong};
+use crate::formats::imaging::text::{self, excerpt, wrong};
 use crate::formats::limits::Limits;
 use crate::formats::sample::{Endian, Sample};
 use glam::{DMat3, DVec3};
@@ -111,7 +111,7 @@ impl Document {
     fn file(&mut self, tag: &Tag) -> Result<()> {
         let kind = tag.get("type").unwrap_or_default();
         if kind != "ImageData" {
-            return Err(Error::unsupported(format!("a VTK file of {}; image data are read", shown(&kind)))
+            return Err(Error::unsupported(format!("a VTK file of {}; image data are read", excerpt(&kind)))
                 .hint("resample it to an image first: ParaView's filter 'Resample To Image', then save as .vti"));
         }
         self.endian = match tag.get("byte_order").as_deref() {
@@ -124,7 +124,7 @@ impl Document {
             Some("vtkZLibDataCompressor") => Some(blocks::Packing::Zlib),
             Some("vtkLZ4DataCompressor") => Some(blocks::Packing::Lz4),
             Some(other) => {
-                return Err(Error::unsupported(format!("values packed by {}; zlib and LZ4 are read", shown(other)))
+                return Err(Error::unsupported(format!("values packed by {}; zlib and LZ4 are read", excerpt(other)))
                     .hint("save the file again with the compressor 'ZLib', or with none"));
             }
         };
@@ -164,7 +164,7 @@ impl Document {
             _ => None,
         };
         let Some(sample) = sample.filter(|_| matches!(components, 1 | 3)) else {
-            let what = format!("array '{}' of {components} {} values was left out", shown(&name), shown(&kind));
+            let what = format!("array '{}' of {components} {} values was left out", excerpt(&name), excerpt(&kind));
             self.left_out.push(what);
             return Ok(());
         };

@@ -58,7 +58,7 @@ impl Target {
     }
 
     /// Other files that are written with one of this path.
-    pub fn beside(self, path: &Path) -> Option<PathBuf> {
+    pub fn companion(self, path: &Path) -> Option<PathBuf> {
         (self == Self::MetaHeader).then(|| path.with_extension("raw"))
     }
 }
@@ -155,7 +155,10 @@ mod tests {
     fn endings_name_formats() {
         assert_eq!(Target::of(Path::new("a/b.NII.gz")), Some(Target::NiftiGz));
         assert_eq!(Target::of(Path::new("b.nii")), Some(Target::Nifti));
-        assert_eq!(Target::of(Path::new("b.mhd")).and_then(|t| t.beside(Path::new("x/b.mhd"))), Some("x/b.raw".into()));
+        assert_eq!(
+            Target::of(Path::new("b.mhd")).and_then(|t| t.companion(Path::new("x/b.mhd"))),
+            Some("x/b.raw".into())
+        );
         assert_eq!(Target::of(Path::new("b.gz")), None);
         assert_eq!(numbers([1.0, -0.0, 1e-300, 0.1]), "1.0 0.0 1e-300 0.1");
     }

@@ -3,7 +3,7 @@
 use super::codec::Codec;
 use super::document::{Document, wrong};
 use crate::error::{Error, Result};
-use crate::formats::imaging::text::shown;
+use crate::formats::imaging::text::excerpt;
 use crate::formats::npy;
 use crate::formats::sample::{Endian, Sample};
 use serde_json::Value;
@@ -57,7 +57,7 @@ fn separator(stated: Option<&Value>, usual: char) -> Result<char> {
         Some((_, Some("/"))) => Ok('/'),
         Some((other, _)) => Err(wrong(format!(
             "the separator of the chunks' names is {}; '.' or '/' is expected",
-            shown(&other.to_string())
+            excerpt(&other.to_string())
         ))),
     }
 }

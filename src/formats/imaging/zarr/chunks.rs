@@ -120,7 +120,7 @@ impl Chunks {
     fn read(&self, number: &[u64]) -> Result<Vec<u8>> {
         let path = self.folder.join(self.array.file(number));
         let packed = match &self.array.shards {
-            None => input_of(&path, self.most())?,
+            None => input_of(&path, self.largest_chunk())?,
             Some(shards) => self.part_of_shard(&path, shards, number).map_err(|e| e.at(&path))?,
         };
         let Some(packed) = packed else {
@@ -135,7 +135,7 @@ impl Chunks {
     }
 
     /// Largest number of packed bytes of a chunk: what does not become smaller may become a little larger.
-    fn most(&self) -> u64 {
+    fn largest_chunk(&self) -> u64 {
         (self.chunk_bytes as u64).saturating_add(self.chunk_bytes as u64 / 4).saturating_add(1 << 16)
     }
 
@@ -150,7 +150,7 @@ impl Chunks {
         let count = per.iter().try_fold(1_u64, |product, n| product.checked_mul(*n));
         let index = count.and_then(|n| n.checked_mul(16)?.checked_add(if shards.checksum { 4 } else { 0 }));
         let short = || wrong(format!("a shard of {length} bytes is shorter than its index"));
-        let index = index.filter(|n| *n <= length && *n <= self.most().max(1 << 24)).ok_or_else(short)?;
+        let index = index.filter(|n| *n <= length && *n <= self.largest_chunk().max(1 << 24)).ok_or_else(short)?;
         let start = if shards.at_end { length - index } else { 0 };
         file.seek(SeekFrom::Start(start)).map_err(Error::system)?;
         let mut bytes = vec![0; usize::try_from(index).map_err(|_| short())?];
@@ -166,7 +166,7 @@ impl Chunks {
         if from == u64::MAX && count == u64::MAX {
             return Ok(None);
         }
-        let inside = from.checked_add(count).is_some_and(|end| end <= length) && count <= self.most();
+        let inside = from.checked_add(count).is_some_and(|end| end <= length) && count <= self.largest_chunk();
         let (true, Ok(count)) = (inside, usize::try_from(count)) else {
             return Err(wrong(format!(
                 "a chunk of {count} bytes at byte {from} lies outside its shard of {length} bytes"
@@ -206,7 +206,7 @@ impl Slices for Chunks {
         Ok(())
     }
 
-    fn held(&self) -> u64 {
+    fn working_bytes(&self) -> u64 {
         self.held
     }
 }

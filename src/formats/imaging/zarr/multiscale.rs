@@ -9,7 +9,7 @@ use crate::formats::imaging::image::Image;
 use crate::formats::imaging::input;
 use crate::formats::imaging::options::Options;
 use crate::formats::imaging::placement;
-use crate::formats::imaging::text::shown;
+use crate::formats::imaging::text::excerpt;
 use crate::formats::limits::Limits;
 use glam::DVec3;
 use serde_json::Value;
@@ -30,7 +30,7 @@ struct Level {
 /// Folder of an array that the metadata names, which must lie inside the image's.
 fn inside(folder: &Path, name: &str) -> Result<PathBuf> {
     let found = input::below(folder, name).filter(|_| !name.is_empty());
-    found.ok_or_else(|| wrong(format!("the array '{}' does not lie in the image's folder", shown(name))))
+    found.ok_or_else(|| wrong(format!("the array '{}' does not lie in the image's folder", excerpt(name))))
 }
 
 fn level(folder: &Path, multiscale: &Value, dataset: &Value, limits: Limits) -> Result<Level> {

@@ -52,15 +52,15 @@ pub(super) fn check(stage: &Stage, volume: &Prim, files: &mut Files, findings: &
             continue;
         }
         let when = time.filter(|_| moving).map_or(String::new(), |time| format!(" at time code {time}"));
-        let stated = stated.map_or("no box".to_owned(), shown);
-        let what = format!("the extent{when} is {stated}, but the grids reach {}", shown(bounds));
+        let stated = stated.map_or("no box".to_owned(), box_text);
+        let what = format!("the extent{when} is {stated}, but the grids reach {}", box_text(bounds));
         let remedy = "state the box of the grids' active voxels in the volume's own space";
         findings.push(Finding::problem("extent", at, what, remedy).fixed_by(fix()));
         return;
     }
 }
 
-fn shown(bounds: Aabb) -> String {
+fn box_text(bounds: Aabb) -> String {
     format!("{:?} to {:?}", bounds.min.to_array().map(|v| v as f32), bounds.max.to_array().map(|v| v as f32))
 }
 

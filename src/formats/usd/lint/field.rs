@@ -25,7 +25,7 @@ pub(super) fn check(stage: &Stage, prim: &Prim, files: &mut Files, findings: &mu
     paths::check(stage, prim, &assets, findings);
     let mut found: Vec<Finding> = Vec::new();
     for (time, asset) in assets.iter().filter(|(_, asset)| stage.exists(asset)) {
-        let shown = stage.shown(asset);
+        let shown = stage.display_path(asset);
         let path = match stage.file(asset) {
             Ok(path) => path,
             Err(error) => {

@@ -29,14 +29,14 @@ pub(crate) struct Scale {
 
 /// Numbers of a camera prim.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Optics {
+struct Aperture {
     focal: f64,
     aperture: [f64; 2],
     offset: [f64; 2],
     clipping: [f64; 2],
 }
 
-impl Optics {
+impl Aperture {
     fn of(camera: &Camera, scale: Scale) -> Self {
         // In tenths of a unit. For parallel rays, apertures are the extent of the picture itself.
         let focal = 10.0 * LENS / scale.meters_per_unit;
@@ -59,7 +59,7 @@ impl Optics {
 /// Returns the prim of a camera.
 pub(crate) fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
     let mut prim = PrimText::new("Camera", camera.name.clone());
-    let optics: Vec<Optics> = camera.samples.iter().map(|(_, camera)| Optics::of(camera, scale)).collect();
+    let optics: Vec<Aperture> = camera.samples.iter().map(|(_, camera)| Aperture::of(camera, scale)).collect();
     let varying = |declaration: &'static str, name: &str, values: Vec<Literal>| {
         let times = camera.samples.iter().map(|(time, _)| *time);
         let first = values.first().cloned().unwrap_or(Literal::Blocked);
@@ -71,7 +71,7 @@ pub(crate) fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
         };
         Property { declaration, name: name.into(), content }
     };
-    let numbers = |name: &str, of: &dyn Fn(&Optics) -> f64| {
+    let numbers = |name: &str, of: &dyn Fn(&Aperture) -> f64| {
         varying("float", name, optics.iter().map(|o| Literal::Single(of(o) as f32)).collect())
     };
     let projection = match camera.samples.first().map(|(_, camera)| camera.projection) {
@@ -125,7 +125,7 @@ mod tests {
             near: 0.0,
         };
         let scale = Scale { meters_per_unit: 0.01, far: 1000.0 };
-        let optics = Optics::of(&camera, scale);
+        let optics = Aperture::of(&camera, scale);
         // 5 cm in tenths of a centimeter.
         assert_eq!(optics.focal, 50.0);
         // The picture's left edge is seen at x / z = -30 / 100, its right at 34 / 100; top 26 / 80, bottom -22 / 80.
@@ -136,7 +136,7 @@ mod tests {
         near((optics.offset[1] - 0.5 * optics.aperture[1]) / optics.focal, -0.275);
         assert_eq!(optics.clipping, [0.01, 1000.0]);
         // Parallel rays: 100 pixels to a unit show 0.64 units, which are 6.4 tenths.
-        let parallel = Optics::of(&Camera { projection: Projection::Orthographic, ..camera }, scale);
+        let parallel = Aperture::of(&Camera { projection: Projection::Orthographic, ..camera }, scale);
         near(parallel.aperture[0], 6.4);
     }
 }

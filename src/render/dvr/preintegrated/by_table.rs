@@ -59,7 +59,7 @@ impl<R: Real> SegmentBatch<R> {
                     let emitted: f64 = (0..3).map(|c| by_mean[c] * emitted[c]).sum();
                     (by_mean[3] * extinction + emitted) / (high - low)
                 };
-                let (below, above) = (more(below.beside(&above)), more(above.beside(&below)));
+                let (below, above) = (more(below.sides(&above)), more(above.sides(&below)));
                 table.steps[number as usize - 1] += below;
                 table.steps[number as usize] -= above;
                 continue;

@@ -98,7 +98,7 @@ impl<'a, R: Real> Front<'a, R> {
                 divided.reuse(chunk);
             }
             if !self.goes_on() {
-                divided.clear();
+                divided.reset();
             }
             chunk = divided.next();
             if chunk.is_none() {

@@ -303,7 +303,7 @@ impl<R: Real> Divided<R> {
     }
 
     /// Forgets all nodes.
-    pub(crate) fn clear(&mut self) {
+    pub(crate) fn reset(&mut self) {
         self.spare.append(&mut self.pending);
     }
 

@@ -96,7 +96,7 @@ impl<R: Precision> Preintegrated<R> {
         let by_table = &mut tape.by_table;
         let knots = seeds.table.iter().flatten().next().map(|table| table.steps.len());
         if let Some(knots) = knots {
-            by_table.clear(knots);
+            by_table.reset(knots);
         }
         let to = Accumulators {
             voxels: None,
