@@ -28,7 +28,7 @@ pub enum Kind {
     Cancelled,
 }
 
-/// What went wrong, for programs: a name that stays, whatever the words of the message.
+/// Code of an error for programs: its name stays, whatever the words of the message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -85,7 +85,7 @@ impl fmt::Display for Code {
 /// An error as documents for programs state it.
 #[derive(Debug, Clone, serde::Serialize, schemars::JsonSchema)]
 pub struct Facts<'e> {
-    /// What went wrong, for programs; it stays, whatever the words of the description.
+    /// Code for programs, which stays whatever the words of the description.
     pub code: Code,
     /// Description of the error.
     pub what: Cow<'e, str>,
@@ -200,7 +200,7 @@ impl Error {
     pub fn kind(&self) -> Kind {
         self.0.kind
     }
-    /// What went wrong, for programs: the code that the error was given, else that of its kind.
+    /// Code for programs: the one that the error was given, else that of its kind.
     pub fn code(&self) -> Code {
         self.0.code.unwrap_or_else(|| match self.0.kind {
             Kind::Unsupported => Code::Unsupported,

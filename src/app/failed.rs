@@ -10,7 +10,7 @@ use std::fmt;
 pub struct Failed {
     /// Number of the frame.
     pub frame: u32,
-    /// What went wrong, for programs.
+    /// Code of the error, for programs.
     pub code: Code,
     /// The error with its remedy.
     pub error: String,

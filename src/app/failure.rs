@@ -11,7 +11,7 @@ use std::fmt;
 pub struct Failure {
     /// Grid, layer or frame that the error concerns; none if it is the whole file.
     part: Option<String>,
-    /// What went wrong, for programs.
+    /// Code of the error, for programs.
     code: Code,
     what: String,
     #[serde(rename = "do")]

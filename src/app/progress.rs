@@ -83,14 +83,14 @@ pub enum Event<'e> {
     Failed {
         /// Number of the frame.
         frame: u32,
-        /// What went wrong, for programs.
+        /// Code of the error, for programs.
         code: Code,
         /// Error with its remedy.
         error: &'e str,
     },
     /// One of several files could not be read, and the others go on.
     Unread {
-        /// What went wrong, for programs.
+        /// Code of the error, for programs.
         code: Code,
         /// Error with its file and remedy.
         error: &'e str,

@@ -28,7 +28,7 @@ pub struct Captured<'c> {
     pub layer: Option<&'c str>,
 }
 
-/// What is said of work that was stopped before it had a result.
+/// Message about work that was stopped before it had a result.
 pub(crate) const NOTHING_FOUND: &str = "stopped by the user before anything was found; nothing is written";
 
 /// Returns the error of work that has no result yet, which says so if the work was stopped.

@@ -3,6 +3,7 @@
 mod files;
 mod frames;
 mod grids;
+mod loaded;
 mod report;
 mod turn;
 

@@ -1,6 +1,6 @@
 //! Volumes that agree but for a quarter turn about x, as files with Y up and with Z up do.
 
-use super::grids::Loaded;
+use super::loaded::Loaded;
 use crate::error::Result;
 use crate::formats::vdb::{GridInfo, Transform};
 use crate::math::{Aabb, Affine};

@@ -243,7 +243,6 @@ impl DensitySettings {
                 "the pictures show scattered light: the densities are those that alpha tells, whatever the colors are",
             );
         }
-        let scattered = work.input.capture.model == Model::Scattering;
         let channels = channels(&work.input.capture)?;
         let pixels = work.input.capture.pixels();
         work.forecast(&self.region, channels, |observation, placed| {
@@ -251,22 +250,7 @@ impl DensitySettings {
             let steps = solver.most_iterations(observation, &request, views);
             Ok(Cost::new(solver.method(), &placed.survey, &request, pixels, steps))
         })?;
-        let shown = |photo: Photo| match scattered {
-            true => Photo { film: photo.film.by_alpha(), ..photo },
-            false => photo,
-        };
-        let mut pictures = work.read(Emission::Stated, channels, solver != DensitySolver::Cg, shown)?;
-        if scattered {
-            work.input.capture = explained(&work.input.capture).into_owned();
-        }
-        if let Some([least, most]) = pictures.observation.noise() {
-            let percent = |noise: f64| format!("{:.2} %", 100.0 * noise);
-            let (least, most) = (percent(least), percent(most));
-            context.note(format!(
-                "noise of the transmittances, of all channels together: {least} in the clearest picture, {most} in the \
-                 noisiest"
-            ));
-        }
+        let mut pictures = pictures(&mut work, channels, solver)?;
         if let Some(path) = cameras {
             let request = |work: &VolumeTask<'_>, observation: &Observation, placed: &Placed| {
                 self.request(work, observation, placed, solver, Vec::new())
@@ -375,6 +359,28 @@ impl DensitySettings {
         let function = self.transfer.tf.as_deref().filter(|_| error.place() == Some(through_transfer::FUNCTION));
         error.at(function.unwrap_or(json))
     }
+}
+
+/// Reads the pictures, of a medium that scatters light by their alpha alone, and tells their noise.
+fn pictures(work: &mut VolumeTask<'_>, channels: Channels, solver: DensitySolver) -> Result<Pictures> {
+    let scattered = work.input.capture.model == Model::Scattering;
+    let shown = |photo: Photo| match scattered {
+        true => Photo { film: photo.film.by_alpha(), ..photo },
+        false => photo,
+    };
+    let pictures = work.read(Emission::Stated, channels, solver != DensitySolver::Cg, shown)?;
+    if scattered {
+        work.input.capture = explained(&work.input.capture).into_owned();
+    }
+    if let Some([least, most]) = pictures.observation.noise() {
+        let percent = |noise: f64| format!("{:.2} %", 100.0 * noise);
+        let (least, most) = (percent(least), percent(most));
+        work.task.context.note(format!(
+            "noise of the transmittances, of all channels together: {least} in the clearest picture, {most} in the \
+             noisiest"
+        ));
+    }
+    Ok(pictures)
 }
 
 /// Returns the transfer function of emission-absorption pictures; none for other models.

@@ -20,8 +20,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct RefinementSettings {
-    /// What is moved to where all pictures agree on one volume; none for cameras that stay. The scene as a whole stays
-    /// where the given cameras have it.
+    /// Parameters that move to where all pictures agree on one volume; none for cameras that stay. The scene as a whole
+    /// stays where the given cameras have it.
     pub refine_cameras: Option<Refined>,
     /// Capture (JSON) to write with the refined cameras, and the same pictures; none for the output's name with the
     /// ending cameras.json.

@@ -206,15 +206,7 @@ impl ViewpointSettings {
         let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), self.limits, context)?;
         task.provenance = Provenance::begin(context).of("viewpoint", self, &MANNER);
         let (limits, cancel) = (task.limits, &task.stop());
-        let reading = context.stage("reading the volume");
-        let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
-        let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
-        drop(grid);
-        drop(reading);
-        task.provenance.input(&self.input, [self.input.as_path()])?;
-        if let Some(tf) = self.transfer.file() {
-            task.provenance.input(tf, [tf])?;
-        }
+        let (field, transfer) = self.field(&mut task)?;
         let up = self.up.of(&self.input, limits)?;
         context.note(&up);
         let around = Sphere::around(&field.outline(), self.size, self.fov, up.axis)
@@ -270,6 +262,18 @@ impl ViewpointSettings {
         }
         task.tell_stopped(outcome.stopped);
         Ok(report)
+    }
+
+    /// Reads the volume, arranged for rays, and its transfer function.
+    fn field(&self, task: &mut Task) -> Result<(Bricks<f32>, Option<Transfer>)> {
+        let _stage = task.context.stage("reading the volume");
+        let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, task.limits)?;
+        let field = volume::arrange(&grid, transfer.as_ref(), task.limits).map_err(|e| e.at(&self.input))?;
+        task.provenance.input(&self.input, [self.input.as_path()])?;
+        if let Some(tf) = self.transfer.file() {
+            task.provenance.input(tf, [tf])?;
+        }
+        Ok((field, transfer))
     }
 
     /// Returns the unit vectors to the viewpoints of an earlier run, if the search is to go on from it.
