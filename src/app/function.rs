@@ -3,6 +3,7 @@
 use super::context::Context;
 use super::outputs::{self, Content};
 use super::provenance::Provenance;
+use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer::{self, Builtin, Options, Source, TransferSummary};
@@ -90,6 +91,10 @@ pub struct Described {
     presets: Vec<String>,
     notes: Vec<String>,
 }
+
+use_case!(FunctionSettings => FunctionReport, limits, inputs);
+
+impl Report for FunctionReport {}
 
 impl FunctionSettings {
     /// Paths that the function is read from.

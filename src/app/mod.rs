@@ -37,9 +37,11 @@ pub mod task;
 pub mod transfer;
 pub mod up;
 pub mod usd;
+pub mod use_case;
 pub mod validate;
 pub mod view;
 pub mod viewpoint;
 pub mod volume;
 
 pub use context::Context;
+pub use use_case::{Report, Status, UseCase};

@@ -6,6 +6,7 @@ use super::provenance::Provenance;
 use super::render::remarks;
 use super::up::ChosenUp;
 use crate::app::Context;
+use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
 use crate::formats::sequence::Pattern;
 use crate::plan::pilot::{self, Cost};
@@ -86,6 +87,10 @@ impl fmt::Display for PlanReport {
         write!(f, "  {} rays and about {:.2} s a picture", cost.paths, cost.seconds)
     }
 }
+
+use_case!(PlanSettings => PlanReport, pictures.limits);
+
+impl Report for PlanReport {}
 
 impl PlanSettings {
     /// Reads and plans.

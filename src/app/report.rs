@@ -3,6 +3,7 @@
 use super::reconstruct::page::{self, Record};
 use crate::app::Context;
 use crate::app::outputs::RECORD;
+use crate::app::use_case::{Report, use_case};
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -60,6 +61,10 @@ impl fmt::Display for PageReport {
         write!(f, "{}", self.report.display())
     }
 }
+
+use_case!(PageSettings => PageReport, limits, inputs);
+
+impl Report for PageReport {}
 
 impl PageSettings {
     /// Paths that the page is made from, beside the record.

@@ -3,6 +3,8 @@
 use super::context;
 use super::provenance::Provenance;
 use crate::app::checks::Warning;
+use crate::app::use_case::{Report, Status};
+use crate::error::Result;
 use crate::inverse::cost::Cost;
 use crate::inverse::progress::{Stage, Step};
 use crate::scene::capture::PixelFilter;
@@ -163,6 +165,12 @@ pub(crate) fn peak_memory_mb() -> Option<f64> {
 pub(crate) fn show(stage: &context::Stage, step: &Step) {
     let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
     stage.reach(step.iteration.into(), format!("level {}, loss {:.3e}{psnr}", step.level, step.loss));
+}
+
+impl Report for Run {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::stopped(self.stopped))
+    }
 }
 
 impl fmt::Display for Run {

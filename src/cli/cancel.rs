@@ -8,7 +8,6 @@ use crate::error::{Error, Result};
 use crate::process;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
-use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
@@ -103,9 +102,4 @@ pub(crate) fn nothing_found() -> u8 {
 /// Returns the exit code of work that a signal stopped: 130 for Ctrl-C, 143 for SIGTERM.
 pub(crate) fn code() -> u8 {
     CODE.load(Ordering::SeqCst)
-}
-
-/// Returns the exit code of a finished task, 130 if Ctrl-C stopped it.
-pub(crate) fn exit_code(stopped: bool) -> ExitCode {
-    if stopped { ExitCode::from(code()) } else { ExitCode::SUCCESS }
 }

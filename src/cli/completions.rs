@@ -1,6 +1,7 @@
 //! `cumulo completions`: scripts by which shells complete the program's commands and options.
 
 use super::output::Output;
+use super::run::Run;
 use crate::error::Result;
 use clap_complete::Shell;
 use std::process::ExitCode;
@@ -13,12 +14,8 @@ pub(crate) struct Completions {
     shell: Shell,
 }
 
-impl Completions {
-    /// Prints the script on standard output, with and without `--json`.
-    ///
-    /// # Errors
-    /// If standard output cannot be written to.
-    pub(crate) fn run(&self, output: &Output) -> Result<ExitCode> {
+impl Run for Completions {
+    fn run(&self, output: &Output) -> Result<ExitCode> {
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut super::command(), "cumulo", &mut script);
         output.plain(&String::from_utf8_lossy(&script))?;

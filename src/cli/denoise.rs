@@ -2,13 +2,10 @@
 
 use super::args::read_as;
 use super::memory::Memory;
-use super::output::Output;
 use crate::app::denoise::{Cuts, DenoiseSettings, Direction, Filter, Guide, Motion};
 use crate::denoise::Settings;
-use crate::error::Result;
 use crate::formats::sequence::Frames;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Denoise a sequence of pictures in time, or a single picture
 ///
@@ -116,14 +113,3 @@ impl From<DenoiseArgs> for DenoiseSettings {
 }
 
 read_as!(DenoiseSettings, DenoiseArgs);
-
-/// Denoises and reports.
-///
-/// # Errors
-/// Those of [`DenoiseSettings::run`], and one that lists the frames that failed; the others are there then.
-pub(crate) fn run(settings: &DenoiseSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    report.check(&settings.input)?;
-    Ok(ExitCode::SUCCESS)
-}

@@ -2,13 +2,10 @@
 
 use super::args::read_as;
 use super::memory::Memory;
-use super::output::Output;
 use super::parse::positive;
 use crate::app::diff::{DiffSettings, Voxels};
 use crate::app::sequence::FrameSelection;
-use crate::error::Result;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Compare the grids of two VDBs, or of two sequences of them; exit code 1 if they differ
 #[derive(Debug, clap::Args)]
@@ -62,14 +59,4 @@ fn voxels(text: &str) -> Result<Voxels, String> {
         return Ok(Voxels::All);
     }
     positive(text).map(|voxels| Voxels::About(voxels as u64))
-}
-
-/// Compares and reports. The exit code is 1 if a difference was found, and 2 if a frame failed.
-///
-/// # Errors
-/// Those of [`DiffSettings::run`].
-pub(crate) fn run(settings: &DiffSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    Ok(ExitCode::from(if report.complete() { u8::from(!report.same()) } else { 2 }))
 }

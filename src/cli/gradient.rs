@@ -2,19 +2,16 @@
 
 use super::args::read_as;
 use super::memory::Memory;
-use super::output::Output;
 use super::parse;
 use crate::app::gradient::{GradientSettings, LossName, Wrt};
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
 use crate::differentiate::loss::prior::{Prior, Weighted};
 use crate::differentiate::study::ad_mode::Mode;
-use crate::error::Result;
 use crate::render::differentiable::Adjoint;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::capture::{EmissionModel, Model};
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Differentiate a loss on pictures of a volume, and check the derivatives
 ///
@@ -150,13 +147,3 @@ impl From<GradientArgs> for GradientSettings {
 }
 
 read_as!(GradientSettings, GradientArgs);
-
-/// Differentiates and reports. The exit code is 1 if a derivative that was checked is off by more than is allowed.
-///
-/// # Errors
-/// Those of [`GradientSettings::run`].
-pub(crate) fn run(settings: &GradientSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    Ok(if report.agrees() { ExitCode::SUCCESS } else { ExitCode::from(1) })
-}

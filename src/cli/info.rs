@@ -2,12 +2,9 @@
 
 use super::args::read_as;
 use super::memory::Memory;
-use super::output::Output;
 use crate::app::info::InfoSettings;
 use crate::app::sequence::FrameSelection;
-use crate::error::Result;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Show what is in files: grids of VDBs and NanoVDBs, layers of EXRs, cameras of captures, volumes of USD stages, scans
 ///
@@ -32,13 +29,3 @@ impl From<InfoArgs> for InfoSettings {
 }
 
 read_as!(InfoSettings, InfoArgs);
-
-/// Reads and reports. The exit code is 2 if a file or a frame could not be read.
-///
-/// # Errors
-/// Those of [`InfoSettings::run`].
-pub(crate) fn run(settings: &InfoSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    Ok(if report.complete() { ExitCode::SUCCESS } else { ExitCode::from(2) })
-}

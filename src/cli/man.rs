@@ -1,6 +1,7 @@
 //! `cumulo man`: manual pages.
 
 use super::output::Output;
+use super::run::Run;
 use crate::app::outputs;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
@@ -38,12 +39,8 @@ impl fmt::Display for Report {
 /// A page: its name without the section, and its text in roff.
 type Page = (String, Vec<u8>);
 
-impl ManCommand {
-    /// Prints or writes pages.
-    ///
-    /// # Errors
-    /// If there is no such command, or the folder or standard output cannot be written to.
-    pub(crate) fn run(&self, output: &Output) -> Result<ExitCode> {
+impl Run for ManCommand {
+    fn run(&self, output: &Output) -> Result<ExitCode> {
         let mut command = super::command();
         command.build();
         let mut all = Vec::new();

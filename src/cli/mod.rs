@@ -1,39 +1,40 @@
 //! The command line: each subcommand loads, works, writes and reports.
 
-pub(crate) mod args;
-pub(crate) mod cancel;
-pub(crate) mod capture;
-pub(crate) mod compare;
-pub(crate) mod completions;
-pub(crate) mod convert;
-pub(crate) mod denoise;
-pub(crate) mod diff;
-pub(crate) mod document;
+mod args;
+mod cancel;
+mod capture;
+mod compare;
+mod completions;
+mod convert;
+mod denoise;
+mod diff;
+mod document;
 mod flags;
-pub(crate) mod gradient;
+mod gradient;
 mod help;
-pub(crate) mod info;
+mod info;
 mod log;
-pub(crate) mod man;
-pub(crate) mod memory;
-pub(crate) mod motion;
-pub(crate) mod output;
-pub(crate) mod parse;
-pub(crate) mod plan;
-pub(crate) mod pose;
-pub(crate) mod progress;
-pub(crate) mod reconstruct;
-pub(crate) mod render;
-pub(crate) mod report;
-pub(crate) mod schema;
-pub(crate) mod transfer;
-pub(crate) mod try_grid;
-pub(crate) mod usd;
-pub(crate) mod validate;
+mod man;
+mod memory;
+mod motion;
+mod output;
+mod parse;
+mod plan;
+mod pose;
+mod progress;
+mod reconstruct;
+mod render;
+mod report;
+mod run;
+mod schema;
+mod transfer;
+mod try_grid;
+mod usd;
+mod validate;
 mod values;
 mod version;
-pub(crate) mod view;
-pub(crate) mod viewpoint;
+mod view;
+mod viewpoint;
 
 use crate::app::compare::CompareSettings;
 use crate::app::convert::ConvertSettings;
@@ -56,14 +57,16 @@ use crate::formats::protected;
 use crate::formats::vdb::{self, helper};
 use crate::process;
 use crate::wording::speak_as;
+use capture::CaptureCommand;
 use clap::error::ContextKind;
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
-use memory::Memory;
 use output::Output;
+use reconstruct::Reconstruct;
+use run::Run;
 use std::ffi::{OsStr, OsString};
 use std::io::Write;
-use std::path::Path;
 use std::process::ExitCode;
+use usd::UsdCommand;
 
 /// Volumes between OpenVDB, Blender, USD and EXR: inspect, render, compare and reconstruct.
 #[derive(Debug, Parser)]
@@ -101,7 +104,7 @@ pub(crate) struct Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     #[command(subcommand)]
-    Capture(capture::CaptureCommand),
+    Capture(CaptureCommand),
     Compare(CompareSettings),
     Completions(completions::Completions),
     Info(InfoSettings),
@@ -116,71 +119,47 @@ enum Command {
     Gradient(GradientSettings),
     Render(RenderSettings),
     #[command(subcommand)]
-    Reconstruct(reconstruct::Reconstruct),
+    Reconstruct(Reconstruct),
     Report(PageSettings),
     Schema(schema::Schema),
     Transfer(FunctionSettings),
     #[command(name = crate::formats::vdb::helper::SUBCOMMAND, hide = true)]
     TryGrid(try_grid::TryGrid),
     #[command(subcommand)]
-    Usd(usd::UsdCommand),
+    Usd(UsdCommand),
     View(view::View),
     Viewpoint(ViewpointSettings),
 }
 
 impl Command {
-    /// Returns the memory in bytes that the whole process may take.
-    ///
-    /// # Errors
-    /// If it is less than the process needs for work of any size.
-    fn max_memory(&self) -> Result<u64> {
-        let memory = match self {
-            Self::Capture(c) => c.memory(),
-            Self::Compare(s) => Memory::of(s.limits),
-            Self::Info(s) => Memory::of(s.limits),
-            Self::Motion(s) => Memory::of(s.limits),
-            Self::Validate(s) => Memory::of(s.limits),
-            Self::Convert(s) => Memory::of(s.limits),
-            Self::Denoise(s) => Memory::of(s.limits),
-            Self::Pose(s) => Memory::of(s.limits),
-            Self::Diff(s) => Memory::of(s.limits),
-            Self::Gradient(s) => Memory::of(s.limits),
-            Self::Plan(s) => Memory::of(s.pictures.limits),
-            Self::Render(s) => Memory::of(s.pictures.limits),
-            Self::Reconstruct(c) => Memory::of(c.limits()),
-            Self::Report(s) => Memory::of(s.limits),
-            Self::Completions(_) | Self::Man(_) | Self::Schema(_) => return Ok(Limits::default().max_memory),
-            Self::Transfer(s) => Memory::of(s.limits),
-            Self::TryGrid(c) => return Ok(c.max_memory),
-            Self::Usd(c) => c.memory(),
-            Self::Viewpoint(s) => Memory::of(s.limits),
-            Self::View(c) => Memory::of(c.settings.limits),
-        };
-        memory.check()?;
-        Ok(memory.limits().max_memory)
-    }
-}
-
-impl Command {
-    /// Paths that the command reads and that an output could replace; none of commands that write nothing.
-    fn inputs(&self) -> Vec<&Path> {
+    /// Returns what there is to run.
+    fn as_run(&self) -> &dyn Run {
         match self {
-            Self::Capture(c) => c.inputs(),
-            Self::Compare(c) => c.inputs(),
-            Self::Convert(c) => c.inputs(),
-            Self::Denoise(c) => c.inputs(),
-            Self::Gradient(c) => c.inputs(),
-            Self::Motion(c) => c.inputs(),
-            Self::Pose(c) => c.inputs(),
-            Self::Reconstruct(c) => c.inputs(),
-            Self::Render(c) => c.pictures.inputs(),
-            Self::Report(c) => c.inputs(),
-            Self::Transfer(c) => c.inputs(),
-            Self::Usd(c) => c.inputs(),
-            Self::View(c) => c.settings.inputs(),
-            Self::Viewpoint(c) => c.inputs(),
-            Self::Diff(_) | Self::Info(_) | Self::Plan(_) | Self::Validate(_) => Vec::new(),
-            Self::Completions(_) | Self::Man(_) | Self::Schema(_) | Self::TryGrid(_) => Vec::new(),
+            Self::Capture(CaptureCommand::Convert(s)) => &**s,
+            Self::Compare(s) => s,
+            Self::Completions(c) => c,
+            Self::Convert(s) => &**s,
+            Self::Denoise(s) => s,
+            Self::Diff(s) => s,
+            Self::Gradient(s) => s,
+            Self::Info(s) => s,
+            Self::Man(c) => c,
+            Self::Motion(s) => s,
+            Self::Plan(s) => s,
+            Self::Pose(s) => s,
+            Self::Reconstruct(Reconstruct::Color(s)) => &**s,
+            Self::Reconstruct(Reconstruct::Density(s)) => &**s,
+            Self::Reconstruct(Reconstruct::Tf(s)) => &**s,
+            Self::Render(s) => s,
+            Self::Report(s) => s,
+            Self::Schema(c) => c,
+            Self::Transfer(s) => s,
+            Self::TryGrid(c) => c,
+            Self::Usd(UsdCommand::Author(s)) => &**s,
+            Self::Usd(UsdCommand::Lint(s)) => s,
+            Self::Validate(s) => s,
+            Self::View(c) => c,
+            Self::Viewpoint(s) => s,
         }
     }
 }
@@ -349,40 +328,14 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         helper::set_program(program);
     }
     vdb::on_terminate(process::abandon);
-    let memory = arguments.command.max_memory()?;
+    let command = arguments.command.as_run();
+    let memory = command.max_memory()?;
     process::limit_memory(memory, SMALLER);
     let output = Output::new(&arguments.global, &arguments.path);
     let (version, threads) = (version::text(), rayon::current_num_threads());
     output.detail(format!("cumulo {version}: {threads} threads, {} of memory at most", crate::text::bytes(memory)));
-    inputs::protect(arguments.command.inputs(), Limits { max_memory: memory });
-    dispatch(arguments.command, &output)
-}
-
-fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
-    match command {
-        Command::Capture(c) => c.run(output),
-        Command::Compare(s) => compare::run(&s, output),
-        Command::Completions(c) => c.run(output),
-        Command::Info(s) => info::run(&s, output),
-        Command::Man(c) => c.run(output),
-        Command::Motion(s) => motion::run(&s, output),
-        Command::Validate(s) => validate::run(&s, output),
-        Command::Convert(s) => convert::run(&s, output),
-        Command::Denoise(s) => denoise::run(&s, output),
-        Command::Pose(s) => pose::run(&s, output),
-        Command::Diff(s) => diff::run(&s, output),
-        Command::Gradient(s) => gradient::run(&s, output),
-        Command::Plan(s) => plan::run(&s, output),
-        Command::Render(s) => render::run(&s, output),
-        Command::Reconstruct(c) => c.run(output),
-        Command::Report(s) => report::run(&s, output),
-        Command::Schema(c) => c.run(output),
-        Command::Transfer(s) => transfer::run(&s, output),
-        Command::TryGrid(c) => Ok(c.run()),
-        Command::Usd(c) => c.run(output),
-        Command::View(c) => c.run(output),
-        Command::Viewpoint(s) => viewpoint::run(&s, output),
-    }
+    inputs::protect(command.inputs(), Limits { max_memory: memory });
+    command.run(&output)
 }
 
 #[cfg(test)]

@@ -2,14 +2,11 @@
 
 use super::args::read_as;
 use super::memory::Memory;
-use super::output::Output;
 use super::parse;
 use crate::app::motion::{MotionSettings, SAMPLES};
 use crate::app::transfer::TransferSettings;
-use crate::error::Result;
 use crate::formats::sequence::Frames;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Write the motion of what pictures of a volume show, as a layer that denoisers follow
 ///
@@ -79,13 +76,3 @@ impl From<MotionArgs> for MotionSettings {
 }
 
 read_as!(MotionSettings, MotionArgs);
-
-/// Traces and reports. The exit code is 2 if a frame failed.
-///
-/// # Errors
-/// Those of [`MotionSettings::run`].
-pub(crate) fn run(settings: &MotionSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    Ok(if report.complete() { ExitCode::SUCCESS } else { ExitCode::from(2) })
-}

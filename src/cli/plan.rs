@@ -1,11 +1,8 @@
 //! `cumulo plan`: which effects of a scene are simulated, at what cost, and what is left out.
 
 use super::args::read_as;
-use super::output::Output;
 use crate::app::pictures::PictureSettings;
 use crate::app::plan::PlanSettings;
-use crate::error::Result;
-use std::process::ExitCode;
 
 /// Tell which effects `render` would simulate, what they cost, and how much radiance is left out at most
 ///
@@ -28,12 +25,3 @@ impl From<PlanArgs> for PlanSettings {
 }
 
 read_as!(PlanSettings, PlanArgs);
-
-/// Plans and reports.
-///
-/// # Errors
-/// Those of [`PlanSettings::run`].
-pub(crate) fn run(settings: &PlanSettings, output: &Output) -> Result<ExitCode> {
-    output.report(&settings.run(output)?)?;
-    Ok(ExitCode::SUCCESS)
-}

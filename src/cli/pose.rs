@@ -1,15 +1,11 @@
 //! `cumulo pose`: cameras that agree with their pictures.
 
 use super::args::read_as;
-use super::cancel;
 use super::memory::Memory;
-use super::output::Output;
 use crate::app::pose::PoseSettings;
 use crate::app::transfer::TransferSettings;
-use crate::error::Result;
 use crate::render::quadrature::{Quadrature, rules};
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Find where cameras stood, from their pictures and the volume in them
 ///
@@ -83,13 +79,3 @@ impl From<PoseArgs> for PoseSettings {
 }
 
 read_as!(PoseSettings, PoseArgs);
-
-/// Searches and reports.
-///
-/// # Errors
-/// Those of [`PoseSettings::run`].
-pub(crate) fn run(settings: &PoseSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    Ok(cancel::exit_code(report.stopped))
-}

@@ -1,15 +1,12 @@
 //! `cumulo render`: pictures of a volume from many sides, as a capture.
 
 use super::args::read_as;
-use super::output::Output;
 use super::parse;
 use crate::app::pictures::PictureSettings;
-use crate::app::render::{RenderReport, RenderSettings};
-use crate::error::Result;
+use crate::app::render::RenderSettings;
 use crate::formats::sequence::Frames;
 use crate::render::aov::Aov;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Render a volume from many sides: a capture of EXR pictures and transforms.json; or one picture, EXR or PNG
 ///
@@ -70,14 +67,3 @@ impl From<RenderArgs> for RenderSettings {
 }
 
 read_as!(RenderSettings, RenderArgs);
-
-/// Renders and reports. The exit code is 2 if a frame failed.
-///
-/// # Errors
-/// Those of [`RenderSettings::run`].
-pub(crate) fn run(settings: &RenderSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    let complete = !matches!(&report, RenderReport::Frames(frames) if !frames.complete());
-    Ok(if complete { ExitCode::SUCCESS } else { ExitCode::from(2) })
-}

@@ -2,11 +2,8 @@
 
 use super::args::read_as;
 use super::memory::Memory;
-use super::output::Output;
 use crate::app::report::{OtherRenders, PageSettings};
-use crate::error::Result;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Make the page of a reconstruction again, with what is true or other renders beside it
 #[derive(Debug, clap::Args)]
@@ -39,12 +36,3 @@ impl From<PageArgs> for PageSettings {
 }
 
 read_as!(PageSettings, PageArgs);
-
-/// Makes the page and says where it is.
-///
-/// # Errors
-/// Those of [`PageSettings::run`].
-pub(crate) fn run(settings: &PageSettings, output: &Output) -> Result<ExitCode> {
-    output.report(&settings.run(output)?)?;
-    Ok(ExitCode::SUCCESS)
-}

@@ -1,6 +1,7 @@
 //! `cumulo schema`: JSON schemas of the files that Cumulo reads, and of the documents that it writes.
 
 use super::output::Output;
+use super::run::Run;
 use super::{document, man};
 use crate::app;
 use crate::error::{Error, Result};
@@ -72,12 +73,8 @@ kinds! {
     Viewpoint: "viewpoint" => app::viewpoint::ViewpointReport;
 }
 
-impl Schema {
-    /// Prints the schema on standard output, with and without `--json`.
-    ///
-    /// # Errors
-    /// If standard output cannot be written to.
-    pub(crate) fn run(&self, output: &Output) -> Result<ExitCode> {
+impl Run for Schema {
+    fn run(&self, output: &Output) -> Result<ExitCode> {
         let text = serde_json::to_string_pretty(&self.kind.schema()).map_err(|e| Error::invalid(e.to_string()))?;
         output.plain(&text)?;
         Ok(ExitCode::SUCCESS)

@@ -2,12 +2,9 @@
 
 use super::args::read_as;
 use super::memory::Memory;
-use super::output::Output;
 use super::parse::{ascending, positive};
 use crate::app::function::FunctionSettings;
-use crate::error::Result;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Show a transfer function, or convert it to .tf.json
 ///
@@ -50,12 +47,3 @@ impl From<FunctionArgs> for FunctionSettings {
 }
 
 read_as!(FunctionSettings, FunctionArgs);
-
-/// Reads, writes and reports.
-///
-/// # Errors
-/// Those of [`FunctionSettings::run`].
-pub(crate) fn run(settings: &FunctionSettings, output: &Output) -> Result<ExitCode> {
-    output.report(&settings.run(output)?)?;
-    Ok(ExitCode::SUCCESS)
-}

@@ -2,12 +2,9 @@
 
 use super::args::read_as;
 use super::memory::Memory;
-use super::output::Output;
 use crate::app::sequence::FrameSelection;
 use crate::app::validate::ValidateSettings;
-use crate::error::Result;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Say what is wrong with files and what to do; exit code 1 if anything is
 ///
@@ -33,13 +30,3 @@ impl From<ValidateArgs> for ValidateSettings {
 }
 
 read_as!(ValidateSettings, ValidateArgs);
-
-/// Checks and reports. The exit code is 1 if a fault was found, and 2 if a file or a frame could not be read.
-///
-/// # Errors
-/// Those of [`ValidateSettings::run`].
-pub(crate) fn run(settings: &ValidateSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    Ok(ExitCode::from(if report.complete() { u8::from(!report.valid()) } else { 2 }))
-}

@@ -1,18 +1,14 @@
 //! `cumulo viewpoint`: the viewpoints from which a volume shows most.
 
 use super::args::read_as;
-use super::cancel;
 use super::memory::Memory;
-use super::output::Output;
 use super::parse;
 use crate::app::pictures::DensityScale;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
 use crate::app::viewpoint::ViewpointSettings;
-use crate::error::Result;
 use crate::render::quadrature::{Quadrature, rules};
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Find the viewpoints from which a volume shows most
 ///
@@ -112,13 +108,3 @@ impl From<ViewpointArgs> for ViewpointSettings {
 }
 
 read_as!(ViewpointSettings, ViewpointArgs);
-
-/// Searches and reports.
-///
-/// # Errors
-/// Those of [`ViewpointSettings::run`].
-pub(crate) fn run(settings: &ViewpointSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    Ok(cancel::exit_code(report.stopped))
-}

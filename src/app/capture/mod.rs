@@ -14,6 +14,7 @@ use crate::app::checks::Warning;
 use crate::app::outputs;
 use crate::app::photos;
 use crate::app::provenance::Provenance;
+use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
 use crate::formats::atomic::{self, Batch};
 use crate::formats::limits::Limits;
@@ -93,6 +94,10 @@ pub enum Target {
     /// A text model of COLMAP in sparse/0, with the pictures in images.
     Colmap,
 }
+
+use_case!(CaptureSettings => CaptureReport, limits, inputs);
+
+impl Report for CaptureReport {}
 
 impl CaptureSettings {
     /// Paths that the capture is made from.

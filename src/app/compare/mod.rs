@@ -14,6 +14,7 @@ pub use statistical::{StatisticalReport, StatisticalSettings, Which};
 
 use crate::app::Context;
 use crate::app::sequence::FrameSelection;
+use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::sequence::Pattern;
@@ -105,6 +106,14 @@ impl fmt::Display for CompareReport {
             Self::Sequences(sequences) => sequences.fmt(f),
             Self::Statistical(statistical) => statistical.fmt(f),
         }
+    }
+}
+
+use_case!(CompareSettings => CompareReport, limits, inputs);
+
+impl Report for CompareReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::of_check(self.complete(), self.differ()))
     }
 }
 

@@ -33,6 +33,7 @@ pub use sources::Merge;
 use crate::app::Context;
 use crate::app::sequence::FrameSelection;
 use crate::app::transfer::TransferSettings;
+use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
 use crate::formats::imaging::format::{self, Format as ImageFormat};
 use crate::formats::imaging::write::Target;
@@ -242,6 +243,14 @@ impl Written {
             Self::Png => "PNG".into(),
             Self::Image(target) => format!(".{}", target.ending()),
         }
+    }
+}
+
+use_case!(ConvertSettings => ConvertReport, limits, inputs);
+
+impl Report for ConvertReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::complete(self.complete()))
     }
 }
 

@@ -16,6 +16,7 @@ use crate::app::failed::Failed;
 use crate::app::outputs;
 use crate::app::provenance::Provenance;
 use crate::app::renewed::{self, Earlier, Renewed};
+use crate::app::use_case::{Report, Status, use_case};
 use crate::denoise::{Estimate, Method, Settings};
 use crate::error::{Code, Error, Result};
 use crate::formats::atomic::Batch;
@@ -206,6 +207,9 @@ pub enum Cuts {
 /// Report of a denoised sequence.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub struct DenoiseReport {
+    /// Frames that went in.
+    #[serde(skip)]
+    input: PathBuf,
     #[serde(serialize_with = "crate::app::paths::text")]
     output: PathBuf,
     method: Filter,
@@ -292,14 +296,14 @@ impl DenoiseReport {
     ///
     /// # Errors
     /// If a frame failed; the error lists them.
-    pub fn check(&self, input: &Path) -> Result<()> {
+    pub(crate) fn check(&self) -> Result<()> {
         let [first, ..] = &self.failed[..] else { return Ok(()) };
         let (failed, all) = (self.failed.len(), self.failed.len() + self.denoised);
         let list: Vec<String> = self.failed.iter().map(|failed| failed.frame.to_string()).collect();
         let why = first.error.lines().next().unwrap_or_default();
         Err(Error::invalid(format!("{failed} of {all} frames were not denoised: {} ({why})", list.join(", ")))
             .coded(Code::FramesFailed)
-            .at(input)
+            .at(&self.input)
             .hint("render the frames above again, then repeat the command with ⟨resume⟩"))
     }
 }
@@ -342,6 +346,16 @@ impl fmt::Display for DenoiseReport {
             )?,
         }
         Ok(())
+    }
+}
+
+use_case!(DenoiseSettings => DenoiseReport, limits, inputs);
+
+impl Report for DenoiseReport {
+    /// # Errors
+    /// An error that lists the frames that failed; the others are there then.
+    fn status(&self) -> Result<Status> {
+        self.check().map(|()| Status::Success)
     }
 }
 
@@ -428,6 +442,7 @@ impl DenoiseSettings {
         }
         let seconds = provenance.clone().lap();
         let report = DenoiseReport {
+            input: self.input.clone(),
             output: self.output.clone(),
             method: self.method,
             denoised: done.denoised,

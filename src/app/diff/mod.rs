@@ -12,6 +12,7 @@ pub use report::FilesReport;
 
 use crate::app::Context;
 use crate::app::sequence::FrameSelection;
+use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::metrics::volume::Effort;
@@ -108,6 +109,14 @@ impl fmt::Display for DiffReport {
             Self::Files(files) => files.fmt(f),
             Self::Sequences(sequences) => sequences.fmt(f),
         }
+    }
+}
+
+use_case!(DiffSettings => DiffReport, limits);
+
+impl Report for DiffReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::of_check(self.complete(), !self.same()))
     }
 }
 

@@ -15,6 +15,7 @@ use crate::app::Context;
 use crate::app::checks::Warning;
 use crate::app::outputs::{self, Content};
 use crate::app::provenance::Provenance;
+use crate::app::use_case::{Report, Status, use_case};
 use crate::differentiate::study::subject::Subject;
 use crate::differentiate::study::{Study, StudyGradient};
 use crate::error::Result;
@@ -32,6 +33,14 @@ struct Results {
     grids: Vec<Grid>,
     /// Page, still without provenance.
     page: Option<Page>,
+}
+
+use_case!(GradientSettings => GradientReport, limits, inputs);
+
+impl Report for GradientReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::of_check(true, !self.agrees()))
+    }
 }
 
 impl GradientSettings {

@@ -8,6 +8,7 @@ mod volume;
 use crate::app::Context;
 use crate::app::failure::Failure;
 use crate::app::sequence::FrameSelection;
+use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Kind, Result};
 use crate::formats::captures::CaptureSummary;
 use crate::formats::exr::ExrSummary;
@@ -77,6 +78,14 @@ impl InfoReport {
     pub(crate) fn complete(&self) -> bool {
         // A frame that is missing is one that cannot be read.
         self.files.iter().all(|file| file.error.is_none()) && !self.sequences.iter().any(Summary::has_holes)
+    }
+}
+
+use_case!(InfoSettings => InfoReport, limits);
+
+impl Report for InfoReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::complete(self.complete()))
     }
 }
 

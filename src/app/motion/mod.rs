@@ -7,6 +7,7 @@ use crate::app::failed::Failed;
 use crate::app::outputs::{self, Content};
 use crate::app::provenance::{Provenance, SETTINGS};
 use crate::app::transfer::TransferSettings;
+use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Kind, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::captures;
@@ -109,6 +110,14 @@ impl fmt::Display for MotionReport {
         write!(f, "{}: motion of {frames} frames in {seconds:.2} s, at most {largest:.2} pixels; ", output.display())?;
         density_scale.iter().try_for_each(|scale| write!(f, "density scale {scale}, "))?;
         write!(f, "{} that failed", failed.len())
+    }
+}
+
+use_case!(MotionSettings => MotionReport, limits, inputs);
+
+impl Report for MotionReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::complete(self.complete()))
     }
 }
 

@@ -8,6 +8,7 @@ use crate::app::outputs::Content;
 use crate::app::photos;
 use crate::app::task::{Captured, Task};
 use crate::app::transfer::TransferSettings;
+use crate::app::use_case::{Report, Status, use_case};
 use crate::app::{run, volume};
 use crate::differentiate::gradient::pictures::Target;
 use crate::error::{Code, Error, Result};
@@ -162,6 +163,14 @@ struct Search {
     poses: Vec<PoseEstimate>,
     /// Wall time in seconds.
     seconds: f64,
+}
+
+use_case!(PoseSettings => PoseReport, limits, inputs);
+
+impl Report for PoseReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::stopped(self.stopped))
+    }
 }
 
 impl PoseSettings {

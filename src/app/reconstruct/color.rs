@@ -10,6 +10,7 @@ use crate::app::outputs::Content;
 use crate::app::photos;
 use crate::app::run::{self, Run, Solver};
 use crate::app::task::{Task, without_result};
+use crate::app::use_case::use_case;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::protected;
@@ -76,6 +77,8 @@ impl Default for ColorSettings {
         }
     }
 }
+
+use_case!(ColorSettings => Run, limits, inputs);
 
 impl ColorSettings {
     /// Paths that the volume is made from.

@@ -12,6 +12,7 @@ use crate::app::photos;
 use crate::app::run::{self, Run, Solver};
 use crate::app::task::{Task, without_result};
 use crate::app::transfer::TransferSettings;
+use crate::app::use_case::use_case;
 use crate::differentiate::loss::prior::{VolumePrior, Weighted};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -217,6 +218,8 @@ impl From<DensitySolver> for Solver {
         }
     }
 }
+
+use_case!(DensitySettings => Run, limits, inputs);
 
 impl DensitySettings {
     /// Paths that the densities are made from.

@@ -11,6 +11,7 @@ use crate::app::checks::residuals::{self, Residuals};
 use crate::app::checks::{Emission, Warning};
 use crate::app::outputs::Content;
 use crate::app::task::{Captured, Task, without_result};
+use crate::app::use_case::{Report, Status, use_case};
 use crate::app::{photos, run};
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
@@ -117,6 +118,14 @@ pub enum Choice {
     Auto,
     /// Adam as in Weiss & Westermann (2021); colors lie between 0 and 1.
     Weiss2021,
+}
+
+use_case!(TransferFunctionSettings => TransferRun, limits, inputs);
+
+impl Report for TransferRun {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::stopped(self.stopped))
+    }
 }
 
 impl TransferFunctionSettings {

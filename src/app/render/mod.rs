@@ -19,6 +19,7 @@ use crate::app::pictures::subject::Subject;
 use crate::app::pictures::{Cameras, PictureSettings};
 use crate::app::provenance::{self, Provenance};
 use crate::app::up::ChosenUp;
+use crate::app::use_case::{Report, Status, use_case};
 use crate::cancel::Cancel;
 use crate::error::{Code, Error, Result};
 use crate::formats::atomic::{self, Batch};
@@ -224,6 +225,14 @@ impl fmt::Display for ViewsReport {
             Some(plan) if plan.omitted != Some(0.0) => write!(f, "\n  {}", LeftOut(plan)),
             _ => Ok(()),
         }
+    }
+}
+
+use_case!(RenderSettings => RenderReport, pictures.limits, pictures.inputs);
+
+impl Report for RenderReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::complete(!matches!(self, Self::Frames(frames) if !frames.complete())))
     }
 }
 

@@ -3,6 +3,7 @@
 use crate::app::Context;
 use crate::app::failure::Failure;
 use crate::app::outputs::{self, Content};
+use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::formats::limits::Limits;
@@ -77,6 +78,14 @@ impl LintReport {
     /// True if all stages could be read.
     pub(crate) fn complete(&self) -> bool {
         self.stages.iter().all(|stage| stage.error.is_none())
+    }
+}
+
+use_case!(LintSettings => LintReport, limits, inputs);
+
+impl Report for LintReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::of_check(self.complete(), !self.clean()))
     }
 }
 

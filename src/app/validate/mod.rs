@@ -10,6 +10,7 @@ mod volume;
 use crate::app::Context;
 use crate::app::failure::Failure;
 use crate::app::sequence::FrameSelection;
+use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Kind, Result};
 use crate::formats::imaging::format as imaging;
 use crate::formats::limits::Limits;
@@ -95,6 +96,14 @@ impl ValidateReport {
     pub(crate) fn complete(&self) -> bool {
         // A frame that is missing is one that cannot be read.
         self.files.iter().all(|f| f.error.is_none()) && self.sequences.iter().all(|s| s.missing.is_empty())
+    }
+}
+
+use_case!(ValidateSettings => ValidateReport, limits);
+
+impl Report for ValidateReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::of_check(self.complete(), !self.valid()))
     }
 }
 

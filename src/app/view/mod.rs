@@ -19,6 +19,7 @@ use crate::app::pictures::DensityScale;
 use crate::app::sequence::FrameSelection;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::{self, UpChoice};
+use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Kind as ErrorKind, Result};
 use crate::formats::limits::Limits;
 use crate::formats::sequence::{Frames, Pattern};
@@ -85,6 +86,14 @@ impl Default for ViewSettings {
 
 /// Extensions of the files that a folder's sequence consists of.
 const ENDINGS: [&str; 3] = ["vdb", "nvdb", "exr"];
+
+use_case!(ViewSettings => ViewReport, limits, inputs);
+
+impl Report for ViewReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::complete(self.complete()))
+    }
+}
 
 impl ViewSettings {
     /// Paths that the sheets show, and that of the transfer function.

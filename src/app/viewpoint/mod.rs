@@ -10,6 +10,7 @@ use crate::app::render;
 use crate::app::task::Task;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::{ChosenUp, UpChoice};
+use crate::app::use_case::{Report, Status, use_case};
 use crate::app::volume;
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
@@ -187,6 +188,14 @@ impl fmt::Display for ViewpointReport {
 
 /// Opacity entropies by direction, and the wall time in seconds that they took.
 type Samples = (Vec<(DVec3, f64)>, f64);
+
+use_case!(ViewpointSettings => ViewpointReport, limits, inputs);
+
+impl Report for ViewpointReport {
+    fn status(&self) -> Result<Status> {
+        Ok(Status::stopped(self.stopped))
+    }
+}
 
 impl ViewpointSettings {
     /// Paths that the viewpoints are found from.

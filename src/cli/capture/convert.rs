@@ -3,13 +3,10 @@
 use crate::app::capture::{CaptureSettings, Masked, Placement, Target};
 use crate::cli::args::read_as;
 use crate::cli::memory::Memory;
-use crate::cli::output::Output;
 use crate::cli::parse;
-use crate::error::Result;
 use crate::scene::color_space::ColorSpace;
 use glam::DVec3;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Write a capture that every command takes: cameras without lens distortion and scene-linear EXRs
 ///
@@ -93,12 +90,3 @@ impl From<ConvertArgs> for CaptureSettings {
 }
 
 read_as!(CaptureSettings, ConvertArgs);
-
-/// Converts and reports.
-///
-/// # Errors
-/// Those of [`CaptureSettings::run`].
-pub(super) fn run(settings: &CaptureSettings, output: &Output) -> Result<ExitCode> {
-    output.report(&settings.run(output)?)?;
-    Ok(ExitCode::SUCCESS)
-}

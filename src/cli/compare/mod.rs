@@ -4,12 +4,9 @@ mod statistical;
 
 use super::args::read_as;
 use super::memory::Memory;
-use super::output::Output;
 use crate::app::compare::{CompareSettings, StatisticalSettings};
 use crate::app::sequence::FrameSelection;
-use crate::error::Result;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Compare two EXR pictures, or two sequences of them
 ///
@@ -74,13 +71,3 @@ impl From<CompareArgs> for CompareSettings {
 }
 
 read_as!(CompareSettings, CompareArgs);
-
-/// Compares and reports. The exit code is 1 if a difference was found, and 2 if a frame failed.
-///
-/// # Errors
-/// Those of [`CompareSettings::run`].
-pub(crate) fn run(settings: &CompareSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    Ok(ExitCode::from(if report.complete() { u8::from(report.differ()) } else { 2 }))
-}

@@ -5,7 +5,6 @@ mod images;
 
 use super::args::read_as;
 use super::memory::Memory;
-use super::output::Output;
 use super::parse::{corners, exposure, not_negative, positive};
 use crate::app::convert::{ConvertSettings, Edits, ImageSettings, Repair, ValueSettings};
 use crate::app::sequence::FrameSelection;
@@ -14,7 +13,6 @@ use crate::error::Result;
 use crate::formats::vdb::Codec;
 use crate::math::Aabb;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Convert a VDB with edits, images of medicine and science to VDBs and back, and pictures to arrays and back
 ///
@@ -124,14 +122,4 @@ fn renaming(text: &str) -> Result<(String, String), String> {
         Some((old, new)) if !old.is_empty() && !new.is_empty() => Ok((old.into(), new.into())),
         _ => Err(format!("'{text}' is not OLD=NEW")),
     }
-}
-
-/// Converts and reports. The exit code is 2 if a frame failed.
-///
-/// # Errors
-/// Those of [`ConvertSettings::run`].
-pub(crate) fn run(settings: &ConvertSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    Ok(if report.complete() { ExitCode::SUCCESS } else { ExitCode::from(2) })
 }

@@ -5,14 +5,11 @@ use crate::app::up::UpChoice;
 use crate::app::usd::author::AuthorSettings;
 use crate::cli::args::read_as;
 use crate::cli::memory::Memory;
-use crate::cli::output::Output;
 use crate::cli::parse;
-use crate::error::Result;
 use crate::formats::sequence::Frames;
 use crate::formats::usd::write::material::Renderer;
 use glam::DVec3;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Write a stage of volumes, with their media, lights and cameras
 ///
@@ -121,12 +118,3 @@ impl From<AuthorArgs> for AuthorSettings {
 }
 
 read_as!(AuthorSettings, AuthorArgs);
-
-/// Writes the stage and reports.
-///
-/// # Errors
-/// Those of [`AuthorSettings::run`].
-pub(super) fn run(settings: &AuthorSettings, output: &Output) -> Result<ExitCode> {
-    output.report(&settings.run(output)?)?;
-    Ok(ExitCode::SUCCESS)
-}

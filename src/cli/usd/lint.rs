@@ -3,10 +3,7 @@
 use crate::app::usd::lint::LintSettings;
 use crate::cli::args::read_as;
 use crate::cli::memory::Memory;
-use crate::cli::output::Output;
-use crate::error::Result;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// Say what is wrong with stages and what to do; exit code 1 if anything is
 ///
@@ -35,13 +32,3 @@ impl From<LintArgs> for LintSettings {
 }
 
 read_as!(LintSettings, LintArgs);
-
-/// Checks and reports. The exit code is 2 if a stage could not be read, and 1 if one has a problem that is left.
-///
-/// # Errors
-/// Those of [`LintSettings::run`].
-pub(super) fn run(settings: &LintSettings, output: &Output) -> Result<ExitCode> {
-    let report = settings.run(output)?;
-    output.report(&report)?;
-    Ok(ExitCode::from(if report.complete() { u8::from(!report.clean()) } else { 2 }))
-}

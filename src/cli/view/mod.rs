@@ -6,6 +6,7 @@ use super::args::read_as;
 use super::memory::Memory;
 use super::output::Output;
 use super::parse;
+use super::run::{Run, told};
 use crate::app::pictures::DensityScale;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
@@ -13,7 +14,7 @@ use crate::app::view::ViewSettings;
 use crate::error::{Error, Result};
 use crate::formats::sequence::Frames;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use terminal::Graphics;
 
@@ -85,23 +86,26 @@ impl From<ViewArgs> for View {
 
 read_as!(View, ViewArgs);
 
-impl View {
-    /// Writes the sheets or shows them, and reports. The exit code is 2 if a file or a frame could not be shown.
-    ///
-    /// # Errors
-    /// Those of [`ViewSettings::show`], and if there is neither a terminal nor an output.
-    pub(crate) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let report = match self.settings.output {
-            Some(_) => self.settings.run(output)?,
-            None => {
-                let graphics = self.graphics(output)?;
-                self.settings.show(output, &mut |canvas| terminal::show(canvas, graphics))?
-            }
-        };
-        output.report(&report)?;
-        Ok(if report.complete() { ExitCode::SUCCESS } else { ExitCode::from(2) })
+impl Run for View {
+    fn max_memory(&self) -> Result<u64> {
+        Run::max_memory(&self.settings)
     }
 
+    fn inputs(&self) -> Vec<&Path> {
+        self.settings.inputs()
+    }
+
+    /// Writes the sheets or shows them, and reports.
+    fn run(&self, output: &Output) -> Result<ExitCode> {
+        if self.settings.output.is_some() {
+            return Run::run(&self.settings, output);
+        }
+        let graphics = self.graphics(output)?;
+        told(&self.settings.show(output, &mut |canvas| terminal::show(canvas, graphics))?, output)
+    }
+}
+
+impl View {
     /// Returns how the terminal draws pictures.
     fn graphics(&self, output: &Output) -> Result<Graphics> {
         if output.is_json() {

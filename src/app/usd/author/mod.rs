@@ -12,6 +12,7 @@ use crate::app::outputs::{self, Content as Kind};
 use crate::app::pictures::scattering::Sky;
 use crate::app::provenance::Provenance;
 use crate::app::up::UpChoice;
+use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::LightEntry;
@@ -139,6 +140,10 @@ impl Default for AuthorSettings {
         }
     }
 }
+
+use_case!(AuthorSettings => AuthorReport, limits, inputs);
+
+impl Report for AuthorReport {}
 
 impl AuthorSettings {
     /// Paths that the stage is made from.

@@ -1,0 +1,62 @@
+//! What the program asks of a command, whichever it is.
+
+use super::cancel;
+use super::memory::Memory;
+use super::output::Output;
+use crate::app::{Report, Status, UseCase};
+use crate::error::Result;
+use crate::formats::limits::Limits;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// A command that was read.
+pub(super) trait Run {
+    /// Returns the memory in bytes that the whole process may take.
+    ///
+    /// # Errors
+    /// If it is less than the process needs for work of any size.
+    fn max_memory(&self) -> Result<u64> {
+        Ok(Limits::default().max_memory)
+    }
+
+    /// Returns the paths that the command reads and that an output could replace.
+    fn inputs(&self) -> Vec<&Path> {
+        Vec::new()
+    }
+
+    /// Does the work and reports.
+    ///
+    /// # Errors
+    /// Those of the work.
+    fn run(&self, output: &Output) -> Result<ExitCode>;
+}
+
+impl<U: UseCase> Run for U {
+    fn max_memory(&self) -> Result<u64> {
+        let memory = Memory::of(self.limits());
+        memory.check()?;
+        Ok(memory.limits().max_memory)
+    }
+
+    fn inputs(&self) -> Vec<&Path> {
+        UseCase::inputs(self)
+    }
+
+    fn run(&self, output: &Output) -> Result<ExitCode> {
+        told(&UseCase::run(self, output)?, output)
+    }
+}
+
+/// Prints a report, and returns the exit code of work that ended so.
+///
+/// # Errors
+/// If standard output cannot be written, or the report is of work of which parts failed without a word.
+pub(super) fn told(report: &impl Report, output: &Output) -> Result<ExitCode> {
+    output.report(report)?;
+    Ok(match report.status()? {
+        Status::Success => ExitCode::SUCCESS,
+        Status::Found => ExitCode::from(1),
+        Status::Incomplete => ExitCode::from(2),
+        Status::Stopped => ExitCode::from(cancel::code()),
+    })
+}
