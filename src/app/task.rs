@@ -48,8 +48,8 @@ pub struct Task {
 }
 
 impl Task {
-    /// Begins a task, once its output and the folder of its page, if there is to be one, are known to have fitting names
-    /// and to be writable.
+    /// Begins a task, once its output and the folder of its page, if there is to be one, are known to have fitting
+    /// names and to be writable.
     ///
     /// # Errors
     /// Those of [`outputs::file`] and [`outputs::report_folder`].

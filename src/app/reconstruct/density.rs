@@ -44,8 +44,8 @@ use std::path::{Path, PathBuf};
 /// use cumulo::prelude::*;
 /// # let folder = tempfile::tempdir()?;
 /// # let (shots, found) = (folder.path().join("shots"), folder.path().join("found.vdb"));
-/// # let pictures = PictureSettings { input: "fixtures/plume.vdb".into(), views: Some(6), ..PictureSettings::default() };
-/// # let pictures = PictureSettings { size: Some([24, 24]), ..pictures };
+/// # let pictures = PictureSettings { views: Some(6), size: Some([24, 24]), ..PictureSettings::default() };
+/// # let pictures = PictureSettings { input: "fixtures/plume.vdb".into(), ..pictures };
 /// # RenderSettings { output: shots.clone(), pictures, ..RenderSettings::default() }.run(&Context::default())?;
 /// let settings = DensitySettings {
 ///     capture: shots,

@@ -250,8 +250,8 @@ impl<'t> VolumeTask<'t> {
         Ok(())
     }
 
-    /// Returns the report of the run: `grid` is the name of the written grid, `voxel_size` the edge lengths of its voxels in world
-    /// units.
+    /// Returns the report of the run: `grid` is the name of the written grid, `voxel_size` the edge lengths of its
+    /// voxels in world units.
     ///
     /// # Errors
     /// If the page cannot be made.

@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 
 /// Error that other settings wrote the capture in the folder.
 fn other_capture(json: &Path) -> Error {
-    Error::invalid("another capture lies here, of another command than this one").coded(Code::OutputExists).at(json).hint(
+    let error = Error::invalid("another capture lies here, of another command than this one");
+    error.coded(Code::OutputExists).at(json).hint(
         "runs of the very same settings, whichever ⟨frames⟩ they render, add to one folder; give another folder, or \
          ⟨overwrite⟩ to replace what is there",
     )

@@ -380,9 +380,9 @@ impl ViewpointSettings {
         Some((all, begun.elapsed().as_secs_f64()))
     }
 
-    /// Writes the capture, and where they are asked for its pictures together with it, and returns the best view's picture
-    /// where it is rendered. After a search that was stopped, only the pictures rendered within a second are written;
-    /// no picture is returned if some are missing.
+    /// Writes the capture, and where they are asked for its pictures together with it, and returns the best view's
+    /// picture where it is rendered. After a search that was stopped, only the pictures rendered within a second are
+    /// written; no picture is returned if some are missing.
     fn write(
         &self,
         field: &Bricks<f32>,
