@@ -5,7 +5,7 @@
 //! ```
 //! Data flows along the arrows: `scene` knows no file format, `differentiate` and `inverse` know renderers through
 //! [`Differentiable`](render::differentiable::Differentiable), and `differentiate` does not know what `inverse` asks
-//! its gradients for; `denoise`, `formats`, `metrics` and `report` know no renderer. Only [`render::tiles`] distributes
+//! its gradients for; `denoise`, `formats`, `metrics` and `report` know no renderer. Only `render::tiles` distributes
 //! rays and pixels over threads. [`app`] holds the use cases, which know no command line. [`prelude`] has what most
 //! programs need.
 //!

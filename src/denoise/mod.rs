@@ -3,12 +3,12 @@
 //! A pixel's color is regressed on a feature that follows the motion: a history of colors, which needs no G-buffers.
 //! From frame to frame the models move along, forget a little, and learn the new colors.
 //!
-//! - [`wrls`] is weighted recursive least squares as published (Iglesias-Guitian, Mane & Moon 2020): a model for each
-//!   pixel, weights against outliers, and a blend of what the models around predict. [`model`] holds its numerics.
-//! - [`guided`] carries it further, for files: models on a grid of blocks, and a feature whose noise is independent of
+//! - `wrls` is weighted recursive least squares as published (Iglesias-Guitian, Mane & Moon 2020): a model for each
+//!   pixel, weights against outliers, and a blend of what the models around predict. `model` holds its numerics.
+//! - `guided` carries it further, for files: models on a grid of blocks, and a feature whose noise is independent of
 //!   the color's, from the frames before and, by a [`Lookahead`], from those that follow.
-//! - [`still`] gives back to a single picture what was no noise.
-//! - [`ema`] and [`svgf`] are there to compare with.
+//! - `still` gives back to a single picture what was no noise.
+//! - `ema` and `svgf` are there to compare with.
 
 mod ahead;
 mod blocks;

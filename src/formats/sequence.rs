@@ -178,7 +178,7 @@ impl Pattern {
     }
 }
 
-/// Returns the numbers that are missing between the first and the last frame of a sequence, at most [`MOST_FRAMES`].
+/// Returns the numbers that are missing between the first and the last frame of a sequence, at most `MOST_FRAMES`.
 /// Three frames or more whose numbers are all multiples of a step apart, as those of `frames = 1-9x2`, are whole at
 /// that step.
 pub fn holes(numbers: &[u32]) -> Vec<u32> {

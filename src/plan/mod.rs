@@ -2,7 +2,7 @@
 //!
 //! A plan simplifies a scene: what a scene does not call for is gone from it before renderers compile their kernels for
 //! it, so that nothing asks for it while pixels are computed. A plan may also leave out what is there, as long as
-//! the sum of [upper bounds](bounds) of the missing radiance stays below a limit.
+//! the sum of upper bounds of the missing radiance stays below a limit.
 
 mod bounds;
 mod depth;
@@ -71,7 +71,7 @@ pub struct Planned {
     pub state: State,
     /// Why.
     pub reason: String,
-    /// Seconds a picture that it takes, as far as a [pilot] has told.
+    /// Seconds a picture that it takes, as far as a `pilot` has told.
     pub cost: Option<f64>,
     /// Upper bound of the radiance that is left out in any channel of a pixel; for an effect that is on, of what would
     /// be missing without it. None where nothing finite is known.

@@ -57,7 +57,7 @@ pub struct RayGradient {
     pub step: f64,
 }
 
-/// Derivatives of a loss with respect to a [`Radiance`] (its cotangent).
+/// Derivatives of a loss with respect to a `Radiance` (its cotangent).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cotangent<R> {
     /// Derivatives with respect to red, green and blue.
@@ -110,7 +110,7 @@ impl<V, const P: usize> Default for Seeds<'_, V, P> {
     }
 }
 
-/// A [`Radiance`] with its derivatives along `P` directions.
+/// A `Radiance` with its derivatives along `P` directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TangentRadiance<const P: usize> {
     /// Radiance in red, green and blue that the medium emits towards the ray's origin.
@@ -146,7 +146,7 @@ pub trait Differentiable: Integrator {
 
 /// An integrator with derivatives in forward mode, along `P` directions at once.
 pub trait Forward<const P: usize>: Differentiable {
-    /// Returns the radiance along a world ray of unit direction, bit for bit that of [`Integrator::li`], with its
+    /// Returns the radiance along a world ray of unit direction, bit for bit that of `Integrator::li`, with its
     /// derivatives (Jacobian-vector products): the transpose of [`Differentiable::vjp`].
     fn jvp(&self, ray: &Ray, seeds: &Seeds<'_, Self::Voxel, P>, scratch: &mut Self::Scratch) -> TangentRadiance<P>;
 }

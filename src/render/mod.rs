@@ -1,9 +1,9 @@
 //! Light transport: integrators and their derivatives.
 //!
 //! To read from above: [`any_renderer`] makes the renderer of a scene, [`picture`] asks it for every ray, and
-//! [`composited`] puts what an [`integrator`] returns over the background. The integrators are [`dvr`] (a density in a
-//! medium) and [`preshaded`] (emission and extinction by voxel). Both walk a ray's bricks ([`march`]), cut it into
-//! segments ([`quadrature`], [`segment`]) and composite these by one driver (`compositing`). [`differentiable`] is
+//! [`composited`] puts what an `integrator` returns over the background. The integrators are [`dvr`] (a density in a
+//! medium) and [`preshaded`] (emission and extinction by voxel). Both walk a ray's bricks (`march`), cut it into
+//! segments ([`quadrature`], `segment`) and composite these by one driver (`compositing`). [`differentiable`] is
 //! what they offer beyond a value.
 
 pub mod any_renderer;

@@ -122,7 +122,7 @@ impl Page {
         }
     }
 
-    /// Adds small pictures of the cameras, at most [`MOST_THUMBNAILS`]; `total` is the number of all views.
+    /// Adds small pictures of the cameras, at most `MOST_THUMBNAILS`; `total` is the number of all views.
     ///
     /// # Errors
     /// If a picture has no pixels.
@@ -144,7 +144,7 @@ impl Page {
     }
 
     /// Adds a table of views beside their re-renders and the differences, all differences in one scale.
-    /// At most [`MOST_VIEWS`] rows are shown, selected by [`choose`]. `total` is the number of all views, of which
+    /// At most `MOST_VIEWS` rows are shown, selected by [`choose`]. `total` is the number of all views, of which
     /// `rows` may be a part.
     ///
     /// # Errors

@@ -106,7 +106,7 @@ impl<R: Real> Bricks<R> {
     ///
     /// # Errors
     /// If the grid is no fog volume with background 0, if a value is NaN, infinite, negative or above
-    /// [`MOST_DENSITY`](crate::scene::grid::MOST_DENSITY), or if the grid and its bricks together would need more than
+    /// `MOST_DENSITY`, or if the grid and its bricks together would need more than
     /// `max_memory` bytes.
     pub fn from_grid(grid: &Grid, max_memory: u64) -> Result<Self> {
         let named = |e: Error| e.part(format!("grid '{}'", grid.name));

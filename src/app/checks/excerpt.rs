@@ -39,7 +39,7 @@ pub struct Excerpt {
 }
 
 impl Excerpt {
-    /// Takes the [`pairs`] of neighbours of one of so many pictures, and its pixels at the [`stride`].
+    /// Takes the `pairs` of neighbours of one of so many pictures, and its pixels at the `stride`.
     pub fn new(photo: &Photo, pictures: usize) -> Self {
         let Photo { camera, film, name, .. } = photo;
         let pairs = pairs(film.width, film.height).flat_map(|first| [first, first + 1]);

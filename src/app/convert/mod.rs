@@ -1,6 +1,6 @@
 //! Volumes, images and pictures from one file format to another.
 //!
-//! [`Kind`] names the formats. A route from one to another is an arm of [`ConvertSettings::run`], and a file of its own
+//! `Kind` names the formats. A route from one to another is an arm of [`ConvertSettings::run`], and a file of its own
 //! here.
 
 mod arrays;

@@ -34,7 +34,7 @@ pub struct Choices {
     pub transfer: Option<Transfer>,
     /// Grid of velocities, and frames per second.
     pub velocity: Option<(String, f64)>,
-    /// Rays per pixel; `None` for [`SAMPLES`].
+    /// Rays per pixel; `None` for `SAMPLES`.
     pub samples: Option<u32>,
 }
 

@@ -34,7 +34,7 @@ pub enum Loss {
     /// 2006; Weiss & Westermann 2021, eq. 11, whose sign makes it negative). Value and derivative of a blank picture
     /// are zero.
     OpacityEntropy,
-    /// `1 - SSIM`, mean over the colors ([`ssim`]), for signals of this peak.
+    /// `1 - SSIM`, mean over the colors (`ssim`), for signals of this peak.
     Dissimilarity {
         /// Range of the signal.
         peak: f64,

@@ -34,7 +34,7 @@ pub fn file(path: &Path) -> PathBuf {
     }
 }
 
-/// Returns all files of a capture but its pictures, the one that [`file`] returns first.
+/// Returns all files of a capture but its pictures, the one that [`file()`] returns first.
 pub fn files(path: &Path) -> Vec<PathBuf> {
     let first = file(path);
     let cameras = first.extension().map(|suffix| first.with_file_name("cameras").with_extension(suffix));

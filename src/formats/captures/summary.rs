@@ -68,7 +68,7 @@ pub fn summary(path: &Path) -> Result<CaptureSummary> {
 /// Reads a capture and summarises it as [`summary`] does; the values of its JSON must fit into `limits`.
 ///
 /// # Errors
-/// The conditions are those of [`load_within`].
+/// The conditions are those of `load_within`.
 pub fn summary_within(path: &Path, limits: Limits) -> Result<CaptureSummary> {
     let StatedCapture { capture, optics } = stated_within(path, limits)?;
     let mut sizes = BTreeMap::new();

@@ -81,7 +81,7 @@ pub struct Volume {
     pub kind: Kind,
     /// Values.
     pub tree: Tree,
-    /// Texts by their names, which files keep beside the grid: those of [`KEPT`].
+    /// Texts by their names, which files keep beside the grid: those of `KEPT`.
     pub texts: BTreeMap<String, String>,
     /// Remarks of the reader for the user, one sentence each: changes and doubts.
     pub notes: Vec<String>,

@@ -10,10 +10,10 @@
 //!   sampled densely, and made scene-linear. Between the samples a color errs by at most 2e-4 (4e-3 where a mixture in
 //!   Lab leaves the display's gamut).
 //! - Opacity α is that of a layer one unit distance `u` thick: extinction is `-ln(1 - α) / u`. Since extinction must be
-//!   finite, α above [`MOST_OPACITY`] counts as that.
+//!   finite, α above `MOST_OPACITY` counts as that.
 //! - Without opacities, extinction rises linearly from 0 at the first color to [`Options::extinction`] at the last.
 //!
-//! Some functions are chosen by name, without a file: see [`builtins`].
+//! Some functions are chosen by name, without a file: see `builtins`.
 //!
 //! A VDB grid carries a transfer function as the text of Cumulo's JSON under the key [`METADATA_KEY`].
 
@@ -92,7 +92,7 @@ pub struct Loaded {
 }
 
 /// Reads a transfer function: a file, whose kind is detected by its content, or where there is no file of that name,
-/// the one of [`builtins`] that the path names.
+/// the one of `builtins` that the path names.
 ///
 /// # Errors
 /// If the file, a preset or a point cannot be used, or an option does not apply to this kind of file. The error names
@@ -117,7 +117,7 @@ fn in_range(loaded: Loaded, options: &Options) -> Result<Loaded> {
     Ok(Loaded { transfer: rescale::to_range(&loaded.transfer, range)?, ..loaded })
 }
 
-/// Returns the path if a function is read from a file there; `None` if it names one of [`builtins`].
+/// Returns the path if a function is read from a file there; `None` if it names one of `builtins`.
 pub fn file(path: &Path) -> Option<&Path> {
     (!name_of(path).is_some_and(is_builtin)).then_some(path)
 }

@@ -41,7 +41,7 @@ pub(crate) fn load_within(path: &Path, limits: Limits) -> Result<Capture> {
     stated_within(path, limits)?.direct().map_err(|e| e.at(json_path(path)))
 }
 
-/// Reads a capture as [`load_within`] does, with the lenses and masks of its views.
+/// Reads a capture as `load_within` does, with the lenses and masks of its views.
 ///
 /// # Errors
 /// The conditions are those of [`load`], with these limits.

@@ -20,7 +20,7 @@ pub struct Views<'v> {
     /// Path or name of the camera; `None` for the only one.
     pub camera: Option<&'v str>,
     /// Width and height of the pictures in pixels; `None` for the size of the pictures that lie beside the stage, else
-    /// for [`Stage::picture_size`].
+    /// for `Stage::picture_size`.
     pub size: Option<[u32; 2]>,
     /// Numbers of the frames, which are time codes; `None` for all of a camera that moves, and the first of one at
     /// rest.

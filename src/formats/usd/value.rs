@@ -25,7 +25,7 @@ pub enum Value {
     List(Vec<Value>),
     /// A dictionary.
     Dictionary(BTreeMap<String, Value>),
-    /// A value that is not read, by the name of its kind: an array of more than [`MOST_ELEMENTS`] elements, or a kind
+    /// A value that is not read, by the name of its kind: an array of more than `MOST_ELEMENTS` elements, or a kind
     /// that no attribute has.
     Other(&'static str),
 }

@@ -57,7 +57,7 @@ pub fn write(
 /// [`File::read_fog`].
 ///
 /// # Errors
-/// If [`File::read_fog`] fails; if there is no grid [`EMISSION`], it holds no vectors, lies on another lattice, or a
+/// If [`File::read_fog`] fails; if there is no grid `EMISSION`, it holds no vectors, lies on another lattice, or a
 /// value is negative or not finite; if the volume does not fit into `max_memory` bytes.
 pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Bricks<Vec4>> {
     let extinctions = file.read_fog(extinction)?;

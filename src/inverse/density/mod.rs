@@ -1,5 +1,5 @@
 //! Density from pictures: by conjugate gradients on optical depths from coarse to fine ([`multilevel`]), or by descent
-//! on colors ([`descent`], [`weiss2021`]); and how certain each voxel is ([`confidence`]).
+//! on colors (`descent`, `weiss2021`); and how certain each voxel is ([`confidence`]).
 
 pub mod confidence;
 pub(crate) mod descent;

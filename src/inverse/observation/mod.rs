@@ -32,7 +32,7 @@ impl Observation {
     /// is the more exact.
     ///
     /// # Errors
-    /// Those of [`Observation::gather`].
+    /// Those of `Observation::gather`.
     pub fn new(photos: &[Photo], background: [f32; 3], source: [f32; 3]) -> Result<Self> {
         let channels = Channels::Colors { background, source };
         Self::gather(photos.par_iter().map(|photo| Transmittances::new(photo, channels)).collect(), channels)

@@ -38,7 +38,7 @@ pub struct Difference {
     pub transform_difference: f64,
     /// Number of voxels of the domain.
     pub voxels: u64,
-    /// Number of these voxels that were compared: all of them, or the part that [`Effort`] allows.
+    /// Number of these voxels that were compared: all of them, or the part that `Effort` allows.
     pub compared: u64,
     /// True if figures are estimates from a part of the voxels. `max_abs` is the largest difference of that part.
     pub sampled: bool,
@@ -93,10 +93,10 @@ impl Difference {
     }
 }
 
-/// Compares all of `b` with the reference `a`, as [`compare_within`] does.
+/// Compares all of `b` with the reference `a`, as `compare_within` does.
 ///
 /// # Errors
-/// The conditions are those of [`compare_within`].
+/// The conditions are those of `compare_within`.
 pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
     compare_within(a, b, Effort::ALL, &|_, _| {})
 }

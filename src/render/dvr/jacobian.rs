@@ -183,7 +183,7 @@ impl<R: Precision> Dvr<'_, R> {
 impl<R: Precision> Composited<Dvr<'_, R>> {
     /// Returns the pixel of a world ray of unit direction. Adds to `jacobian`, which must have as many knots as the
     /// transfer function, `weight` times its derivatives with respect to the values at the knots; see
-    /// [`Dvr::table_jacobian`].
+    /// `Dvr::table_jacobian`.
     pub fn table_jacobian(&self, ray: &Ray, weight: f64, jacobian: &mut TableJacobian, tape: &mut Tape<R>) -> Pixel<R> {
         self.composite(&self.integrator.table_jacobian(ray, self.background, (weight, jacobian), tape))
     }

@@ -223,7 +223,7 @@ impl<R: Precision> Dvr<'_, R> {
     }
 
     /// Returns the optical depth along a world ray with exact quadrature, and appends the cells crossed to the tape:
-    /// the linear operator of tomography. [`Tape::spread`] is its transpose.
+    /// the linear operator of tomography. `Tape::accumulate` is its transpose.
     pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
         R::trace(self, ray, tape)
     }

@@ -1,7 +1,7 @@
 //! Volumetric path tracing: light that media emit, absorb and scatter any number of times.
 //!
-//! A path begins at the camera, collides with a medium ([`tracking`]), sees there the light of one light source
-//! ([`direct`]), turns by the phase function, and goes on until it escapes, is absorbed or has been scattered often
+//! A path begins at the camera, collides with a medium (`tracking`), sees there the light of one light source
+//! (`direct`), turns by the phase function, and goes on until it escapes, is absorbed or has been scattered often
 //! enough. Its mean is the radiance
 //!
 //! `L(x, ω) = ∫ T(t) (σ_a c + σ_s ∫ p(ω·ω') L(x + tω, ω') dω') dt + T(∞) · environment`

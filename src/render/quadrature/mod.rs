@@ -1,6 +1,6 @@
 //! Quadrature rules: how the integrals along a ray are cut into segments and sampled.
 //!
-//! [`Quadrature`] is the choice that a user makes, [`Rule`]s and [`DepthRule`]s are the kernels behind it.
+//! [`Quadrature`] is the choice that a user makes, `Rule`s and `DepthRule`s are the kernels behind it.
 //! Pre-integration has a walk of its own, in [`dvr`](crate::render::dvr).
 
 pub(crate) mod cells;
