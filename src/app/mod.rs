@@ -26,6 +26,7 @@ pub mod plan;
 pub mod pose;
 pub mod progress;
 pub mod provenance;
+mod ranges;
 pub mod reconstruct;
 pub mod render;
 pub mod renewed;

@@ -98,6 +98,7 @@ impl PlanSettings {
     /// # Errors
     /// If the volume or the cameras cannot be used.
     pub fn run(&self, context: &Context) -> Result<PlanReport> {
+        self.pictures.check()?;
         let cancel = context.cancel();
         let mut pictures = self.pictures.clone();
         pictures.frame = self.frame;

@@ -15,6 +15,7 @@ use crate::app::Context;
 use crate::app::failed::Failed;
 use crate::app::outputs;
 use crate::app::provenance::Provenance;
+use crate::app::ranges;
 use crate::app::renewed::{self, Earlier, Renewed};
 use crate::app::use_case::{Report, Status, use_case};
 use crate::denoise::{Estimate, Method, Settings};
@@ -370,6 +371,7 @@ impl DenoiseSettings {
     /// # Errors
     /// If the sequence cannot be begun, or the one picture cannot be read or written.
     pub fn run(&self, context: &Context) -> Result<DenoiseReport> {
+        ranges::within("chunk", self.chunk, [1, u32::MAX])?;
         let provenance = Provenance::begin(context).of("denoise", self, &MANNER);
         let settings = self.published.checked()?;
         let two_way = self.method.method().looks_ahead() && self.direction == Direction::Both;

@@ -6,6 +6,7 @@ use crate::app::Context;
 use crate::app::failed::Failed;
 use crate::app::outputs::{self, Content};
 use crate::app::provenance::{Provenance, SETTINGS};
+use crate::app::ranges;
 use crate::app::transfer::TransferSettings;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Kind, Result};
@@ -132,6 +133,9 @@ impl MotionSettings {
     /// # Errors
     /// If no frame can be begun.
     pub fn run(&self, context: &Context) -> Result<MotionReport> {
+        ranges::positive("density_scale", self.density_scale)?;
+        ranges::positive("fps", self.fps)?;
+        ranges::within("samples", self.samples, [1, 1 << 16])?;
         let cancel = &context.cancel();
         let mut provenance = Provenance::begin(context).of("motion", self, &MANNER);
         let limits = self.limits;

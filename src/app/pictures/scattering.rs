@@ -1,5 +1,6 @@
 //! Scattering media and their lights, and the scene that settings of them describe.
 
+use crate::app::ranges;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits as FileLimits;
 use crate::formats::scene_file::environment_map;
@@ -172,6 +173,31 @@ impl ScatteringSettings {
             }
             None => Ok(()),
         }
+    }
+
+    /// Refuses values out of their ranges.
+    ///
+    /// # Errors
+    /// If a value is none that its setting may have; the error names it.
+    pub(super) fn check_ranges(&self) -> Result<()> {
+        ranges::shares("albedo", self.albedo)?;
+        if let Some(g) = self.anisotropy {
+            ranges::require("anisotropy", g, (-0.999..=0.999).contains(&g), "a number from -0.999 to 0.999")?;
+        }
+        ranges::positive("gradient_shading", self.gradient_shading)?;
+        ranges::radiance("extinction_color", self.extinction_color)?;
+        if let Some(sun) = self.sun {
+            let holds = DVec3::from_array(sun).normalize().is_normalized();
+            ranges::require("sun", sun, holds, "a vector that has a direction")?;
+        }
+        ranges::radiance("sun_color", self.sun_color)?;
+        let angle = self.sun_angle;
+        ranges::require("sun_angle", angle, angle.is_finite() && angle >= 0.0, "an angle from 0 degrees up")?;
+        if let Some(Sky::Color(color)) = &self.sky {
+            ranges::radiance("sky", *color)?;
+        }
+        ranges::within("samples", self.samples, [1, 1 << 24])?;
+        ranges::positive("clamp", self.clamp)
     }
 
     /// Returns the paths per pixel.

@@ -1,8 +1,10 @@
 //! Settings of what pictures show, and from where.
 
 use super::scattering::ScatteringSettings;
+use crate::app::ranges;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
+use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::sequence::Frames;
 use crate::plan::Effect;
@@ -112,6 +114,27 @@ impl Default for PictureSettings {
 }
 
 impl PictureSettings {
+    /// Refuses values out of their ranges.
+    ///
+    /// # Errors
+    /// If a value is none that its setting may have; the error names it.
+    pub(in crate::app) fn check(&self) -> Result<()> {
+        ranges::within("views", self.views, [1, 100_000])?;
+        ranges::size("size", self.size)?;
+        ranges::fov("fov", self.fov)?;
+        if let Some(DensityScale::Given(scale)) = self.density_scale {
+            ranges::positive("density_scale", scale)?;
+        }
+        ranges::radiance("background", self.background)?;
+        ranges::radiance("emission", self.emission)?;
+        let early_stop = self.early_stop;
+        ranges::require("early_stop", early_stop, (0.0..1.0).contains(&early_stop), "a number from 0 to below 1")?;
+        ranges::within("supersample", self.supersample, [1, 64])?;
+        let omitted = self.planning.max_omitted;
+        ranges::require("max_omitted", omitted, omitted.is_finite() && omitted >= 0.0, "a number from 0 up")?;
+        self.scattering.check_ranges()
+    }
+
     /// Paths that the pictures are made from.
     pub(crate) fn inputs(&self) -> Vec<&Path> {
         let others = [self.transfer.file(), self.scattering.sky_file(), self.cameras.as_deref()];
@@ -197,5 +220,31 @@ mod tests {
             serde_json::from_str(r#"{"input": "a.vdb", "density_scale": 2}"#).unwrap_or_default();
         let expected = PictureSettings { density_scale: Some(DensityScale::Given(2.0)), ..PictureSettings::default() };
         assert_eq!(short, PictureSettings { input: "a.vdb".into(), ..expected });
+    }
+
+    /// Who calls the library, or writes settings as JSON, has no command line that checks them.
+    #[test]
+    fn values_out_of_range_are_refused_by_name() {
+        let refused = |change: fn(&mut PictureSettings)| {
+            let mut settings = PictureSettings::default();
+            change(&mut settings);
+            settings.check().err().map(|error| error.to_string()).unwrap_or_default()
+        };
+        assert_eq!(refused(|_| {}), "");
+        let cases: [(&str, fn(&mut PictureSettings)); 9] = [
+            ("size", |s| s.size = Some([0, 64])),
+            ("views", |s| s.views = Some(0)),
+            ("fov", |s| s.fov = f64::NAN),
+            ("density_scale", |s| s.density_scale = Some(DensityScale::Given(-1.0))),
+            ("background", |s| s.background = Some([0.0, f32::NAN, 0.0])),
+            ("supersample", |s| s.supersample = 0),
+            ("early_stop", |s| s.early_stop = 1.0),
+            ("samples", |s| s.scattering.samples = Some(0)),
+            ("sun", |s| s.scattering.sun = Some([0.0; 3])),
+        ];
+        for (name, change) in cases {
+            let error = refused(change);
+            assert!(error.starts_with(&format!("`{name}` is ")) && error.ends_with("is expected"), "{name}: {error}");
+        }
     }
 }

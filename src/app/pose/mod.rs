@@ -6,6 +6,7 @@ use super::Context;
 use crate::app::checks::{Emission, Warning};
 use crate::app::outputs::Content;
 use crate::app::photos;
+use crate::app::ranges;
 use crate::app::task::{Captured, Task};
 use crate::app::transfer::TransferSettings;
 use crate::app::use_case::{Report, Status, use_case};
@@ -184,6 +185,7 @@ impl PoseSettings {
     /// # Errors
     /// If capture, pictures or volume cannot be read or used, or the outputs cannot be written.
     pub fn run(&self, context: &Context) -> Result<PoseReport> {
+        ranges::within("iterations", self.iterations, [1, 100_000])?;
         let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), self.limits, context)?;
         let limits = task.limits;
         let json = captures::file(&self.capture);

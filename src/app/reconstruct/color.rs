@@ -8,6 +8,7 @@ use crate::app::Context;
 use crate::app::checks::Emission;
 use crate::app::outputs::Content;
 use crate::app::photos;
+use crate::app::ranges;
 use crate::app::run::{self, Run, Solver};
 use crate::app::task::{Task, without_result};
 use crate::app::use_case::use_case;
@@ -91,6 +92,9 @@ impl ColorSettings {
     /// # Errors
     /// If the pictures cannot be read or used, or the outputs cannot be written.
     pub fn run(&self, context: &Context) -> Result<Run> {
+        self.region.check()?;
+        ranges::within("iterations", self.iterations, [1, 100_000])?;
+        ranges::within("smoothing", self.smoothing, [0, 64])?;
         let task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), self.limits, context)?;
         let limits = task.limits;
         let input = LoadedCapture::load(&self.capture, limits)?;

@@ -2,6 +2,7 @@
 
 use crate::app::Context;
 use crate::app::checks::{self, Warning};
+use crate::app::ranges;
 use crate::error::{Error, Result};
 use crate::formats::vdb;
 use crate::inverse::observation::Observation;
@@ -68,6 +69,19 @@ impl Unknowns {
 }
 
 impl RegionSettings {
+    /// Refuses values out of their ranges.
+    ///
+    /// # Errors
+    /// If a value is none that its setting may have; the error names it.
+    pub(super) fn check(&self) -> Result<()> {
+        ranges::positive("voxel_size", self.voxel_size)?;
+        ranges::within("resolution", self.resolution, [1, 65_536])?;
+        let Some(bounds) = self.bounds else { return Ok(()) };
+        let holds =
+            (0..3).all(|a| bounds[0][a].is_finite() && bounds[1][a].is_finite() && bounds[0][a] <= bounds[1][a]);
+        ranges::require("bounds", bounds, holds, "a lowest and a highest corner")
+    }
+
     /// World box that is given for the region.
     fn stated_bounds(&self) -> Option<Aabb> {
         self.bounds.map(|[min, max]| Aabb { min: DVec3::from_array(min), max: DVec3::from_array(max) })

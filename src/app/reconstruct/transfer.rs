@@ -10,6 +10,7 @@ use crate::app::checks::excerpt::Excerpt;
 use crate::app::checks::residuals::{self, Residuals};
 use crate::app::checks::{Emission, Warning};
 use crate::app::outputs::Content;
+use crate::app::ranges;
 use crate::app::task::{Captured, Task, without_result};
 use crate::app::use_case::{Report, Status, use_case};
 use crate::app::{photos, run};
@@ -139,6 +140,13 @@ impl TransferFunctionSettings {
     /// # Errors
     /// If the pictures or the volume cannot be read or used, or the outputs cannot be written.
     pub fn run(&self, context: &Context) -> Result<TransferRun> {
+        ranges::within("texels", self.texels, [2, 1024])?;
+        ranges::within("rays", self.rays, [64, 1 << 24])?;
+        ranges::within("iterations", self.iterations, [1, 100_000])?;
+        ranges::positive("smooth", self.smooth)?;
+        if let Some([low, high]) = self.domain {
+            ranges::require("domain", [low, high], low < high && (high - low).is_finite(), "two ascending numbers")?;
+        }
         let (page, limits) = (self.report.as_deref(), self.limits);
         let mut task = Task::begin(&self.output, Content::TransferFunction, page, limits, context)?;
         let mut clock = StageClock::start();

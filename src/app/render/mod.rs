@@ -18,6 +18,7 @@ use crate::app::pictures::scattering::{Paths, ScatteringSettings};
 use crate::app::pictures::subject::Subject;
 use crate::app::pictures::{Cameras, PictureSettings};
 use crate::app::provenance::{self, Provenance};
+use crate::app::ranges;
 use crate::app::up::ChosenUp;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::cancel::Cancel;
@@ -243,6 +244,8 @@ impl RenderSettings {
     /// If the volume or the cameras cannot be used, or the folder cannot be written to; an earlier capture in the
     /// folder is untouched then.
     pub fn run(&self, context: &Context) -> Result<RenderReport> {
+        self.pictures.check()?;
+        ranges::positive("fps", self.fps)?;
         if let Some(input) = self.pictures.sequence_of_folder()? {
             let pictures = PictureSettings { input, ..self.pictures.clone() };
             return Self { pictures, ..self.clone() }.run(context);

@@ -6,6 +6,7 @@ use super::Context;
 use crate::app::outputs::{self, Content};
 use crate::app::pictures::DensityScale;
 use crate::app::provenance::Provenance;
+use crate::app::ranges;
 use crate::app::render;
 use crate::app::task::Task;
 use crate::app::transfer::TransferSettings;
@@ -208,6 +209,7 @@ impl ViewpointSettings {
     /// # Errors
     /// If the volume cannot be read or has nothing in it, or the outputs cannot be written.
     pub fn run(&self, context: &Context) -> Result<ViewpointReport> {
+        self.check()?;
         if let Some(folder) = &self.pictures {
             outputs::folder(folder)?;
             self.spare_other_capture(folder)?;
@@ -271,6 +273,19 @@ impl ViewpointSettings {
         }
         task.tell_stopped(outcome.stopped);
         Ok(report)
+    }
+
+    /// Refuses values out of their ranges.
+    fn check(&self) -> Result<()> {
+        ranges::within("starts", self.starts, [1, 10_000])?;
+        ranges::within("iterations", self.iterations, [1, 100_000])?;
+        ranges::within("samples", self.samples, [0, 1_000_000])?;
+        ranges::size("size", self.size)?;
+        ranges::fov("fov", self.fov)?;
+        if let DensityScale::Given(scale) = self.density_scale {
+            ranges::positive("density_scale", scale)?;
+        }
+        ranges::radiance("background", self.background)
     }
 
     /// Reads the volume, arranged for rays, and its transfer function.

@@ -11,6 +11,7 @@ use crate::app::Context;
 use crate::app::outputs::{self, Content as Kind};
 use crate::app::pictures::scattering::Sky;
 use crate::app::provenance::Provenance;
+use crate::app::ranges;
 use crate::app::up::UpChoice;
 use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
@@ -157,6 +158,11 @@ impl AuthorSettings {
     /// # Errors
     /// If inputs cannot be read or used, another command wrote the stage that lies there, or it cannot be written.
     pub fn run(&self, context: &Context) -> Result<AuthorReport> {
+        ranges::positive("fps", self.fps)?;
+        ranges::positive("meters_per_unit", self.meters_per_unit)?;
+        ranges::positive("density_scale", self.density_scale)?;
+        ranges::shares("albedo", self.albedo)?;
+        ranges::radiance("emission", self.emission)?;
         let mut provenance = Provenance::begin(context);
         let limits = self.limits;
         outputs::file(&self.output, Kind::UsdText)?;
