@@ -3,7 +3,8 @@
 
 Figures noted by hand stand in `tests/benches/noted.json`, with the machine and the dates. What `bench.py` measured
 takes the place of what was noted of the same work and program; the noted work may be the beginning of the measured
-one's name. Run by itself this script writes the noted figures alone.
+one's name. Run by itself this script writes the noted figures alone. The page ends with `tests/benches/guide.md`, the
+figures that the user's guide rests on.
 """
 
 import html
@@ -111,7 +112,8 @@ def page(document, measured=(), machine=None):
         lines += ["```text", *group["commands"], "```", "", table(group["rows"])]
         if group.get("after"):
             lines += ["", group["after"]]
-    return "\n".join(lines) + "\n"
+    guide = (FOLDER / "guide.md").read_text(encoding="utf-8")
+    return "\n".join(lines) + "\n\n" + guide
 
 
 def beside_peer(rows):

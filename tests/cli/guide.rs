@@ -48,7 +48,6 @@ const OTHERS: &[&str] = &[
     "make demo",
     "make demo BLENDER=1",
     "make install",
-    "make test",
     "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.blender render smoke.vdb --capture path --frames 0-23 --albedo 0.95 --sun -1 0.6 0.7 --sun-color 3 3 3 --samples 4 -o cycles",
     // Of Cycles' frames: `python/tests/blender/test_denoising.py` runs them.
     "cumulo denoise cycles/view_%03d.exr -o quiet/frame.%04d.exr --motion files:motion/frame.%04d.exr",
@@ -61,7 +60,6 @@ const OTHERS: &[&str] = &[
     "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.bpy_scene load found.vdb --into smoke.blend --like Smoke -o both.blend",
     "sudo apt-get install libopenvdb-dev libboost-dev libclang-dev g++",
     "cargo install --path . --locked",
-    "cargo doc --open",
     "usdview smoke.usda",
     // `python/tests/test_commands.py` runs it.
     "python3 own_loss.py guess.vdb shots",

@@ -1,4 +1,4 @@
-"""The README's way from Blender's noisy frames to quiet ones, command by command."""
+"""The guide's way from Blender's noisy frames to quiet ones, command by command."""
 
 import pathlib
 import re
@@ -10,12 +10,13 @@ import numpy as np
 from cumulo import run
 from cumulo.exr import read_exr
 
-README = pathlib.Path(__file__).resolve().parents[3] / "README.md"
+ROOT = pathlib.Path(__file__).resolve().parents[3]
 
 
 def commands():
-    """The lines of the README's block with Cycles in it, without comments."""
-    blocks = re.findall(r"```sh\n(.*?)```", README.read_text(), re.S)
+    """The lines of the page's block with Cycles in it, without comments."""
+    page = (ROOT / "src/guide/denoising.md").read_text()
+    blocks = re.findall(r"```sh\n(.*?)```", page, re.S)
     (block,) = [block for block in blocks if "cumulo.blender" in block]
     return [line.split("#")[0].strip() for line in block.splitlines()]
 
@@ -29,7 +30,7 @@ def test_cycles_frames_become_quiet(tmp_path, fixtures):
             words = [run.program(), *words[1:], *(["--size", "48x36"] if words[1] == "render" else [])]
         else:
             words = [sys.executable, *words[words.index("-m") :]]
-        environment = {"PYTHONPATH": str(README.parent / "python")}
+        environment = {"PYTHONPATH": str(ROOT / "python")}
         done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
         # The frames differ from the noisy ones.
         assert done.returncode == (1 if words[1] == "compare" else 0), f"{line}\n{done.stderr}"
