@@ -102,6 +102,38 @@ fn errors_are_documents_too() {
     assert!(work.command("info none.vdb").output().unwrap().stdout.is_empty());
 }
 
+/// Codes stay, whatever the words of an error become.
+#[test]
+fn errors_have_codes() {
+    let work = Work::new();
+    std::fs::write(work.path("bad.vdb"), "nothing of the kind").unwrap();
+    work.text("render @plume.vdb --views 1 --size 16x16 -o a.exr");
+    work.text("render @plume.vdb --views 1 --size 16x16 -o shots");
+    work.text("convert @plume.vdb own.vdb");
+    for (words, code) in [
+        ("info", "usage"),
+        ("info none.vdb", "not-found"),
+        ("info a.exr/none.vdb", "not-found"),
+        ("render bad.vdb --views 1 -o b.exr", "unknown-format"),
+        ("render @plume.vdb --views 1 --grid none -o b.exr", "no-such-grid"),
+        ("compare a.exr a.exr --layer none", "no-such-layer"),
+        ("render @plume.vdb --views 1 --size 8x8 -o a.exr", "output-exists"),
+        ("render @plume.vdb --views 1 --size 8x8 -o shots", "output-exists"),
+        ("convert own.vdb own.vdb --half", "output-is-input"),
+        ("reconstruct density shots -o found.exr", "output-name"),
+        ("render @plume.vdb --views 1 --size 60000x60000 --max-memory 200M -o b.exr", "memory-limit"),
+        ("render @plume.vdb --views 1 --albedo 0.5 --model absorption -o b.exr", "usage"),
+        ("pose shots --volume @plume.vdb -o @plume.vdb", "output-name"),
+    ] {
+        let out = work.command(words).arg("--json").output().unwrap();
+        let document: Value = serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{words}: {e}"));
+        assert_eq!((out.status.code(), &document["error"]["code"]), (Some(2), &json!(code)), "{words}: {document}");
+    }
+    let failed = work.command("info bad.vdb @plume.vdb --json").output().unwrap();
+    let report: Value = serde_json::from_slice(&failed.stdout).unwrap();
+    assert_eq!(report["files"][0]["error"]["code"], "unknown-format", "{report}");
+}
+
 /// A disk that is full is no success, whatever is printed.
 #[cfg(target_os = "linux")]
 #[test]
