@@ -4,10 +4,11 @@
 //!
 //! ```
 //! use cumulo::prelude::*;
+//! use std::path::Path;
 //!
 //! # fn main() -> Result<()> {
 //! let limits = Limits::default();
-//! let grid = Vdb::open("fixtures/plume.vdb".as_ref(), limits)?.read_fog(None)?;
+//! let grid = Vdb::open(Path::new("fixtures/plume.vdb"), limits)?.read_fog(None)?;
 //! let field = Bricks::from_grid(&grid, limits.max_memory)?;
 //! let camera = orbit::cameras(&field.outline(), 1, Layout::Sphere, 64, 64, 40.0, Up::Z)[0];
 //! let light = Dvr::new(&field, Medium::absorbing(3.0))?.over([1.0; 3]);
@@ -17,7 +18,6 @@
 //! # }
 //! ```
 
-pub use crate::app::Context;
 pub use crate::app::capture::CaptureSettings;
 pub use crate::app::compare::CompareSettings;
 pub use crate::app::convert::{ConvertSettings, ImageSettings, ValueSettings};
@@ -41,6 +41,7 @@ pub use crate::app::usd::lint::LintSettings;
 pub use crate::app::validate::ValidateSettings;
 pub use crate::app::view::ViewSettings;
 pub use crate::app::viewpoint::ViewpointSettings;
+pub use crate::app::{Context, Report, Status, UseCase};
 pub use crate::cancel::Cancel;
 pub use crate::error::{Code, Error, Result};
 pub use crate::formats::limits::Limits;

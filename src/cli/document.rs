@@ -109,8 +109,9 @@ impl Transform for Nullable {
 /// Writes the error that ended the program as JSON on standard output, if `--json` is given and no document is written
 /// yet. The standard library's stream is avoided because another thread may hold its lock.
 pub(crate) fn error(error: &Error) {
-    let Some(command) = COMMAND.get().filter(|_| !REPORTED.swap(true, Ordering::SeqCst)) else { return };
+    // Its words take memory, and may be what fails: the error of that is written then.
     let report = Failure { error: error.facts() };
+    let Some(command) = COMMAND.get().filter(|_| !REPORTED.swap(true, Ordering::SeqCst)) else { return };
     if let Ok(json) = serde_json::to_string_pretty(&Document { version: VERSION, command, report: &report }) {
         let text = format!("{}\n", printable_json(&json));
         let mut rest = text.as_bytes();

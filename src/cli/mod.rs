@@ -114,8 +114,8 @@ enum Command {
     Validate(ValidateSettings),
     Convert(Box<ConvertSettings>),
     Denoise(DenoiseSettings),
-    Pose(PoseSettings),
     Diff(DiffSettings),
+    Pose(PoseSettings),
     Gradient(GradientSettings),
     Render(RenderSettings),
     #[command(subcommand)]

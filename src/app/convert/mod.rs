@@ -101,7 +101,7 @@ impl fmt::Display for FileReport {
 /// file, at the places that they have. Of a sequence every frame is converted.
 ///
 /// ```
-/// use cumulo::app::{Context, convert::{ConvertSettings, ValueSettings}};
+/// use cumulo::prelude::*;
 /// # let folder = tempfile::tempdir()?;
 /// # let output = folder.path().join("head.vdb");
 /// let settings = ConvertSettings {

@@ -39,13 +39,12 @@ use std::path::{Path, PathBuf};
 /// single picture is denoised by its own pixels alone. All that is not denoised passes through as it is.
 ///
 /// ```
-/// use cumulo::app::{Context, denoise::DenoiseSettings};
-/// # use cumulo::app::{pictures::{PictureSettings, scattering::ScatteringSettings}, render::RenderSettings};
+/// use cumulo::prelude::*;
 /// # let folder = tempfile::tempdir()?;
 /// # let scattering = ScatteringSettings { albedo: Some([0.9; 3]), samples: Some(2), ..ScatteringSettings::default() };
 /// # let (input, views, size) = ("fixtures/plume.vdb".into(), Some(1), Some([24, 24]));
 /// # let pictures = PictureSettings { input, views, size, scattering, ..PictureSettings::default() };
-/// # let frames: Option<cumulo::formats::sequence::Frames> = Some("1-3".parse()?);
+/// # let frames: Option<Frames> = Some("1-3".parse()?);
 /// # let output = folder.path().to_path_buf();
 /// # RenderSettings { output, frames, pictures, ..RenderSettings::default() }.run(&Context::default())?;
 /// let settings = DenoiseSettings {
@@ -54,7 +53,7 @@ use std::path::{Path, PathBuf};
 ///     ..DenoiseSettings::default()
 /// };
 /// let report = settings.run(&Context::default())?;
-/// report.check(&settings.input)?;
+/// assert_eq!(report.status()?, Status::Success);
 /// assert!(folder.path().join("clean.0003.exr").exists());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

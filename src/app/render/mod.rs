@@ -52,7 +52,7 @@ use visibility::Visibility;
 /// it; with an albedo light is scattered, and pictures are made by path tracing.
 ///
 /// ```
-/// use cumulo::app::{Context, pictures::PictureSettings, render::RenderSettings};
+/// use cumulo::prelude::*;
 /// # let folder = tempfile::tempdir()?;
 /// # let shots = folder.path().join("shots");
 /// let pictures = PictureSettings {

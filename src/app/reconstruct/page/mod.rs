@@ -35,9 +35,7 @@ impl Record {
     /// If the file is none.
     pub(crate) fn read(path: &Path, limits: Limits) -> Result<Self> {
         let text = input::bytes(path, MAX_BYTES, "the record of a run").map_err(|e| match e.io_kind() {
-            Some(ErrorKind::NotFound) => {
-                e.hint("the folder must be one that a reconstruction has written with ⟨report⟩")
-            }
+            Some(ErrorKind::NotFound) => e.hint("the folder must be one that cumulo reconstruct ⟨report⟩ has written"),
             _ => e,
         })?;
         input::check_json_memory(&text, limits)?;
