@@ -30,18 +30,29 @@ class CumuloError(RuntimeError):
     """The program refused (exit code 2), or it was killed.
 
     `message` says what is wrong and where, `hint` what to do about it (None if the program has no
-    advice), `code` is the exit code (negative: the signal that ended it), `stderr` all that it said.
+    advice), `kind` is the name of the error, such as "memory-limit", which stays whatever the words become
+    (None where the program wrote no document), `code` the exit code (negative: the signal that ended it),
+    `stderr` all that it said.
     """
 
-    def __init__(self, arguments: Sequence[str], code: int, stderr: str) -> None:
+    def __init__(self, arguments: Sequence[str], code: int, stderr: str, kind: str | None = None) -> None:
         super().__init__(f"cumulo {' '.join(arguments)} ended with {code}:\n{stderr.strip()}")
         self.arguments = list(arguments)
         self.code = code
         self.stderr = stderr
+        self.kind = kind
         self.message, self.hint = _message_and_hint(stderr)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.arguments, self.code, self.stderr)
+        return type(self), (self.arguments, self.code, self.stderr, self.kind)
+
+
+def _kind(stdout: str) -> str | None:
+    """The code of the error in the document that a command with `--json` ended with."""
+    try:
+        return str(json.loads(stdout)["error"]["code"])
+    except (ValueError, TypeError, KeyError):
+        return None
 
 
 def _message_and_hint(stderr: str) -> tuple[str, str | None]:
@@ -123,7 +134,7 @@ def call(
     if failed:
         raise failed[0]
     if code not in (0, 1):
-        raise CumuloError(list(arguments), code, "".join(said) or "(its messages stand above)")
+        raise CumuloError(list(arguments), code, "".join(said) or "(its messages stand above)", _kind(out))
     return code, out
 
 

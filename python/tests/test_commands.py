@@ -118,12 +118,14 @@ def test_what_is_refused_is_an_exception_with_its_advice(plume, tmp_path):
     with pytest.raises(run.CumuloError) as caught:
         package.info(tmp_path / "nothing.vdb")
     assert caught.value.code == 2 and "nothing.vdb: No such file" in caught.value.message
+    assert caught.value.kind == "not-found"
     assert caught.value.hint.startswith("check the spelling") and "cumulo info" in str(caught.value)
     with pytest.raises(run.CumuloError) as caught:
         package.render(plume, tmp_path / "out", views=1, no_such_option=3)
-    assert "--no-such-option" in caught.value.message
+    assert "--no-such-option" in caught.value.message and caught.value.kind == "usage"
     again = pickle.loads(pickle.dumps(caught.value))
-    assert (again.code, again.message, again.hint) == (2, caught.value.message, caught.value.hint)
+    assert (again.code, again.kind) == (2, "usage")
+    assert (again.message, again.hint) == (caught.value.message, caught.value.hint)
     # A name that begins with a dash is a name.
     with pytest.raises(run.CumuloError, match="No such file"):
         package.info("--help.vdb")
