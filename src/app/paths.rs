@@ -8,7 +8,7 @@ use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
 
 /// A path, or none, that a report may hold.
-pub trait Reported {
+pub(crate) trait Reported {
     /// Returns the path as text, with U+FFFD in the place of what is not Unicode; none for no path.
     fn text(&self) -> Option<Cow<'_, str>>;
 }
@@ -53,7 +53,7 @@ pub enum Stated {
 }
 
 /// A path, or several or none, that settings may hold.
-pub trait Setting: Sized {
+pub(crate) trait Setting: Sized {
     /// Form that is written.
     type Form: Serialize + DeserializeOwned;
     /// Returns the form that is written.

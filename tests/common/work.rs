@@ -120,13 +120,23 @@ impl Work {
     }
 
     /// Starts a command, and returns once it tells of its first event: its work has begun, and it handles signals.
-    #[allow(clippy::unbuffered_bytes, reason = "all that comes later is left to the caller")]
     pub fn begun(&self, words: &str) -> Child {
+        self.reached(words, |_| true)
+    }
+
+    /// Starts a command, and returns once it tells of an event of which `holds` is true.
+    #[allow(clippy::unbuffered_bytes, reason = "all that comes later is left to the caller")]
+    pub fn reached(&self, words: &str, holds: impl Fn(&Value) -> bool) -> Child {
         let mut child = self.start(&format!("{words} --progress json"));
-        let first = child.stderr.as_mut().unwrap().bytes().map(Result::unwrap).take_while(|byte| *byte != b'\n');
-        let first: Vec<u8> = first.collect();
-        assert!(first.starts_with(b"{\"event\""), "{words}: {}", String::from_utf8_lossy(&first));
-        child
+        loop {
+            let bytes = child.stderr.as_mut().unwrap().bytes().map(Result::unwrap);
+            let line: Vec<u8> = bytes.take_while(|byte| *byte != b'\n').collect();
+            let event: Value = serde_json::from_slice(&line)
+                .unwrap_or_else(|e| panic!("{words}: {e}: '{}'", String::from_utf8_lossy(&line)));
+            if holds(&event) {
+                return child;
+            }
+        }
     }
 
     /// Every file beneath a folder and its bytes.

@@ -7,11 +7,11 @@
 //! and color tell the same transmittance, and complete silhouettes surround one common point.
 
 pub mod cameras;
-pub mod displacement;
-pub mod excerpt;
+pub(crate) mod displacement;
+pub(crate) mod excerpt;
 pub mod left_out;
 pub mod pictures;
-pub mod residuals;
+pub(crate) mod residuals;
 
 use crate::error::{Code, Error};
 use crate::wording::worded;

@@ -8,7 +8,7 @@ pub mod scattering;
 mod settings;
 pub(in crate::app) mod settle;
 mod stage;
-pub mod subject;
+pub(crate) mod subject;
 
 pub(in crate::app) use capture::Cameras;
 pub use settings::{DensityScale, PictureSettings, PlanningSettings};

@@ -74,3 +74,18 @@ pub(super) fn c_name(name: &str) -> Result<CString> {
     CString::new(name)
         .map_err(|_| Error::invalid(format!("the name {name:?} contains a NUL byte")).hint("give another name"))
 }
+
+#[cfg(test)]
+mod tests {
+    /// The documentation is built from declarations that are kept: after a change of the header, copy the generated
+    /// ones over them.
+    #[test]
+    fn declarations_that_are_kept_are_those_of_the_header() {
+        let generated = include_str!(concat!(env!("OUT_DIR"), "/vdb_ffi.rs"));
+        assert!(
+            generated == include_str!("bindings.rs"),
+            "copy {}/vdb_ffi.rs to src/formats/vdb/bindings.rs",
+            env!("OUT_DIR")
+        );
+    }
+}
