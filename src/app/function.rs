@@ -3,6 +3,7 @@
 use super::context::Context;
 use super::outputs::{self, Content};
 use super::provenance::Provenance;
+use crate::app::inputs;
 use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -92,7 +93,7 @@ pub struct Described {
     notes: Vec<String>,
 }
 
-use_case!(FunctionSettings => FunctionReport, limits, inputs);
+use_case!(FunctionSettings => FunctionReport, limits);
 
 impl Report for FunctionReport {}
 
@@ -107,6 +108,7 @@ impl FunctionSettings {
     /// # Errors
     /// If the input is no transfer function that can be used, or the output cannot be written.
     pub fn run(&self, context: &Context) -> Result<FunctionReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         match &self.input {
             Some(input) => self.read(input, context).map(FunctionReport::Function),
             None => Ok(FunctionReport::List(List { functions: transfer::builtins() })),

@@ -1,13 +1,16 @@
-//! Files that the paths of a command line lead to. They are protected before a command looks at its outputs.
+//! Files that the paths of settings lead to. They are protected before a use case looks at its outputs.
 
 use crate::formats::limits::Limits;
 use crate::formats::sequence::Pattern;
 use crate::formats::{Format, captures, protected, scene_file, sniff};
 use std::path::{Path, PathBuf};
 
-/// Protects what the paths of a command line lead to. What cannot be read is told of by the command itself.
-pub(crate) fn protect<'p>(paths: impl IntoIterator<Item = &'p Path>, limits: Limits) {
+/// Protects what the paths lead to, and all that is read, as long as the returned value is held. What cannot be read is
+/// told of by the use case itself.
+pub(crate) fn protect<'p>(paths: impl IntoIterator<Item = &'p Path>, limits: Limits) -> protected::Watch {
+    let watch = protected::watch();
     paths.into_iter().flat_map(|path| files(path, limits)).for_each(|path| protected::add(&path));
+    watch
 }
 
 /// Returns the files that a path leads to: those of a sequence, those in a folder, the cameras, pictures and masks of a

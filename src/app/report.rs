@@ -2,6 +2,7 @@
 
 use super::reconstruct::page::{self, Record};
 use crate::app::Context;
+use crate::app::inputs;
 use crate::app::outputs::RECORD;
 use crate::app::use_case::{Report, use_case};
 use crate::cancel::Cancel;
@@ -62,7 +63,7 @@ impl fmt::Display for PageReport {
     }
 }
 
-use_case!(PageSettings => PageReport, limits, inputs);
+use_case!(PageSettings => PageReport, limits);
 
 impl Report for PageReport {}
 
@@ -77,6 +78,7 @@ impl PageSettings {
     /// # Errors
     /// If the record, the volumes or the pictures cannot be read, or the page cannot be written.
     pub fn run(&self, context: &Context) -> Result<PageReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         let limits = self.limits;
         let _stage = context.stage("report");
         let path = self.folder.join(RECORD);

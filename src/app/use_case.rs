@@ -6,7 +6,6 @@ use crate::formats::limits::Limits;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::fmt::Display;
-use std::path::Path;
 
 /// Settings that can be run.
 pub trait UseCase {
@@ -15,11 +14,6 @@ pub trait UseCase {
 
     /// Returns the limits of the work.
     fn limits(&self) -> Limits;
-
-    /// Returns the paths that are read and that an output could replace; none where nothing is written.
-    fn inputs(&self) -> Vec<&Path> {
-        Vec::new()
-    }
 
     /// Does the work.
     ///
@@ -73,20 +67,15 @@ impl Status {
     }
 }
 
-/// Makes a use case of settings with a method `run`: `$limits` is the field of its limits, `$inputs` the path of the
-/// method that returns what it reads.
+/// Makes a use case of settings with a method `run`; `$limits` is the field of its limits.
 macro_rules! use_case {
-    ($settings:ty => $report:ty, $($limits:ident).+ $(, $($inputs:ident).+)?) => {
+    ($settings:ty => $report:ty, $($limits:ident).+) => {
         impl crate::app::use_case::UseCase for $settings {
             type Report = $report;
 
             fn limits(&self) -> crate::formats::limits::Limits {
                 self.$($limits).+
             }
-
-            $(fn inputs(&self) -> Vec<&std::path::Path> {
-                self.$($inputs).+()
-            })?
 
             fn run(&self, context: &crate::app::Context) -> crate::error::Result<$report> {
                 <$settings>::run(self, context)

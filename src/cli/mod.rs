@@ -43,7 +43,6 @@ use crate::app::diff::DiffSettings;
 use crate::app::function::FunctionSettings;
 use crate::app::gradient::GradientSettings;
 use crate::app::info::InfoSettings;
-use crate::app::inputs;
 use crate::app::motion::MotionSettings;
 use crate::app::plan::PlanSettings;
 use crate::app::pose::PoseSettings;
@@ -52,8 +51,6 @@ use crate::app::report::PageSettings;
 use crate::app::validate::ValidateSettings;
 use crate::app::viewpoint::ViewpointSettings;
 use crate::error::{Code, Error, Kind, Result};
-use crate::formats::limits::Limits;
-use crate::formats::protected;
 use crate::formats::vdb::{self, helper};
 use crate::process;
 use crate::wording::speak_as;
@@ -316,7 +313,6 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         process::on_end(document::error);
     }
     cancel::install()?;
-    protected::watch();
     // 0 stands for all cores. Threads, libraries and the helper's name come before the limit of memory, which holds for
     // what the command does.
     let count = threads(arguments.global.threads, std::env::var_os(THREADS).as_deref())?.unwrap_or(0);
@@ -334,7 +330,6 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let output = Output::new(&arguments.global, &arguments.path);
     let (version, threads) = (version::text(), rayon::current_num_threads());
     output.detail(format!("cumulo {version}: {threads} threads, {} of memory at most", crate::text::bytes(memory)));
-    inputs::protect(command.inputs(), Limits { max_memory: memory });
     command.run(&output)
 }
 

@@ -6,7 +6,6 @@ use super::output::Output;
 use crate::app::{Report, Status, UseCase};
 use crate::error::Result;
 use crate::formats::limits::Limits;
-use std::path::Path;
 use std::process::ExitCode;
 
 /// A command that was read.
@@ -17,11 +16,6 @@ pub(super) trait Run {
     /// If it is less than the process needs for work of any size.
     fn max_memory(&self) -> Result<u64> {
         Ok(Limits::default().max_memory)
-    }
-
-    /// Returns the paths that the command reads and that an output could replace.
-    fn inputs(&self) -> Vec<&Path> {
-        Vec::new()
     }
 
     /// Does the work and reports.
@@ -36,10 +30,6 @@ impl<U: UseCase> Run for U {
         let memory = Memory::of(self.limits());
         memory.check()?;
         Ok(memory.limits().max_memory)
-    }
-
-    fn inputs(&self) -> Vec<&Path> {
-        UseCase::inputs(self)
     }
 
     fn run(&self, output: &Output) -> Result<ExitCode> {

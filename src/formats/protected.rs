@@ -1,58 +1,80 @@
-//! Inputs of the running command, which no output replaces.
+//! Inputs of work that is under way, which no output replaces.
 //!
-//! A program that calls [`watch`] has every file protected that its readers open from then on, whichever option,
-//! capture, scene or stage named it, beside those that [`add`] names before they are read. [`atomic`](super::atomic)
-//! puts no output in the place of a protected file. Files are told by device and inode, so that links and other
-//! spellings of a path lead to the same file.
+//! While someone [`watch`]es, every file is protected that readers open, whichever setting, capture, scene or stage named
+//! it, beside those that [`add`] names before they are read. [`atomic`](super::atomic) puts no output in the place of a
+//! protected file. Files are told by device and inode, so that links and other spellings of a path lead to the same
+//! file. Work that goes on at once in a process protects its inputs together.
 
 use crate::error::{Code, Error, Result};
 use std::collections::BTreeMap;
 use std::fs::Metadata;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Device and inode.
 type Identity = (u64, u64);
 
-static WATCHING: AtomicBool = AtomicBool::new(false);
-static FILES: Mutex<BTreeMap<Identity, PathBuf>> = Mutex::new(BTreeMap::new());
+static STATE: Mutex<State> = Mutex::new(State { watches: 0, files: BTreeMap::new() });
 
-fn files() -> MutexGuard<'static, BTreeMap<Identity, PathBuf>> {
-    FILES.lock().unwrap_or_else(PoisonError::into_inner)
+struct State {
+    /// Number of those who watch.
+    watches: usize,
+    /// Protected files by the path that led to them first.
+    files: BTreeMap<Identity, PathBuf>,
+}
+
+fn state() -> MutexGuard<'static, State> {
+    STATE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn identity(metadata: &Metadata) -> Identity {
     (metadata.dev(), metadata.ino())
 }
 
-/// Protects every file that is opened from now on.
-pub(crate) fn watch() {
-    WATCHING.store(true, Ordering::Relaxed);
-}
+/// A watch over what is opened: with the last one all protection ends.
+#[derive(Debug)]
+#[must_use = "files are protected as long as it is held"]
+pub(crate) struct Watch(());
 
-/// Protects a file. A path at which no file lies protects nothing.
-pub(crate) fn add(path: &Path) {
-    if let Ok(metadata) = std::fs::metadata(path).as_ref().map(identity) {
-        files().entry(metadata).or_insert_with(|| path.to_path_buf());
+impl Drop for Watch {
+    fn drop(&mut self) {
+        let mut state = state();
+        state.watches -= 1;
+        if state.watches == 0 {
+            state.files.clear();
+        }
     }
 }
 
-/// Protects a file that a reader has opened, if the program [`watch`]es.
+/// Protects every file that is opened from now on.
+pub(crate) fn watch() -> Watch {
+    state().watches += 1;
+    Watch(())
+}
+
+/// Protects a file as long as someone watches. A path at which no file lies protects nothing.
+pub(crate) fn add(path: &Path) {
+    if let Ok(metadata) = std::fs::metadata(path) {
+        opened(path, &metadata);
+    }
+}
+
+/// Protects a file that a reader has opened, if someone watches.
 pub(super) fn opened(path: &Path, metadata: &Metadata) {
-    if WATCHING.load(Ordering::Relaxed) {
-        files().entry(identity(metadata)).or_insert_with(|| path.to_path_buf());
+    let mut state = state();
+    if state.watches > 0 {
+        state.files.entry(identity(metadata)).or_insert_with(|| path.to_path_buf());
     }
 }
 
 /// Reads a file that is an output of an earlier run, and may be replaced all the same unless it was protected before.
 pub(crate) fn unprotected<T>(path: &Path, read: impl FnOnce() -> T) -> T {
     let before = std::fs::metadata(path).ok().map(|metadata| identity(&metadata));
-    let is_input = before.is_some_and(|identity| files().contains_key(&identity));
+    let is_input = before.is_some_and(|identity| state().files.contains_key(&identity));
     let result = read();
     if let Some(identity) = before.filter(|_| !is_input) {
-        files().remove(&identity);
+        state().files.remove(&identity);
     }
     result
 }
@@ -67,7 +89,7 @@ pub(crate) fn check(output: &Path) -> Result<()> {
 
 /// Makes sure that the file that stands at the place of `output` is no input.
 pub(super) fn refuse(output: &Path, standing: &Metadata) -> Result<()> {
-    let Some(input) = files().get(&identity(standing)).cloned() else { return Ok(()) };
+    let Some(input) = state().files.get(&identity(standing)).cloned() else { return Ok(()) };
     // The system gives the inode of a file that is gone to another one.
     if std::fs::metadata(&input).is_ok_and(|metadata| identity(&metadata) == identity(standing)) {
         return Err(Error::invalid(format!("the output is an input of this command: {}", input.display()))
@@ -91,6 +113,7 @@ mod tests {
         std::fs::hard_link(&a, &hard).unwrap();
         std::os::unix::fs::symlink("a", &soft).unwrap();
         std::fs::create_dir(dir.path().join("x")).unwrap();
+        let watch = watch();
         add(&a);
         for path in [&a, &hard, &soft, &dir.path().join("x/../a")] {
             let error = check(path).unwrap_err().to_string();
@@ -106,5 +129,6 @@ mod tests {
         std::fs::remove_file(&hard).unwrap();
         std::fs::rename(&other, &a).unwrap();
         assert!(check(&a).is_ok());
+        drop(watch);
     }
 }

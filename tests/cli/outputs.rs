@@ -3,9 +3,10 @@
 use crate::common::replaced::{self, Spelling};
 use crate::common::work::{Work, errors, fixture};
 use clap::CommandFactory;
+use cumulo::prelude::{Code, Context, ConvertSettings};
 use std::any::TypeId;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 fn with_inputs() -> Work {
@@ -202,4 +203,21 @@ fn a_capture_of_another_command_is_spared() {
     work.json(&format!("{search} --resume -o fresh.json"));
     work.json(&format!("{search} --overwrite -o cap/transforms.json"));
     assert_ne!(work.files("cap"), before);
+}
+
+/// Who calls the library has no command line that spares inputs; what was one before may be replaced.
+#[test]
+fn the_library_replaces_no_input() {
+    let work = Work::new();
+    let [own, other] = ["own.vdb", "other.vdb"].map(|name| work.path(name));
+    std::fs::copy(fixture("cube.vdb"), &own).unwrap();
+    let before = std::fs::read(&own).unwrap();
+    let convert = |input: &Path, output: &Path| {
+        let settings = ConvertSettings { input: input.into(), output: output.into(), ..ConvertSettings::default() };
+        settings.run(&Context::default())
+    };
+    assert_eq!(convert(&own, &own).unwrap_err().code(), Code::OutputIsInput);
+    assert_eq!(std::fs::read(&own).unwrap(), before);
+    convert(&own, &other).unwrap();
+    convert(&other, &own).unwrap();
 }

@@ -11,6 +11,7 @@ pub use report::CaptureReport;
 
 use crate::app::Context;
 use crate::app::checks::Warning;
+use crate::app::inputs;
 use crate::app::outputs;
 use crate::app::photos;
 use crate::app::provenance::Provenance;
@@ -95,7 +96,7 @@ pub enum Target {
     Colmap,
 }
 
-use_case!(CaptureSettings => CaptureReport, limits, inputs);
+use_case!(CaptureSettings => CaptureReport, limits);
 
 impl Report for CaptureReport {}
 
@@ -110,6 +111,7 @@ impl CaptureSettings {
     /// # Errors
     /// If capture or pictures cannot be read or used, or files cannot be written.
     pub fn run(&self, context: &Context) -> Result<CaptureReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         let mut provenance = Provenance::begin(context).of("capture convert", self, &MANNER);
         outputs::folder(&self.output)?;
         let mut stated = self.stated()?;

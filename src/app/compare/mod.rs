@@ -13,6 +13,7 @@ pub use pictures::PicturesReport;
 pub use statistical::{StatisticalReport, StatisticalSettings, Which};
 
 use crate::app::Context;
+use crate::app::inputs;
 use crate::app::sequence::FrameSelection;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
@@ -109,7 +110,7 @@ impl fmt::Display for CompareReport {
     }
 }
 
-use_case!(CompareSettings => CompareReport, limits, inputs);
+use_case!(CompareSettings => CompareReport, limits);
 
 impl Report for CompareReport {
     fn status(&self) -> Result<Status> {
@@ -130,6 +131,7 @@ impl CompareSettings {
     /// If a picture cannot be read, the sizes differ, more memory is needed than is allowed, the heat map or the page
     /// cannot be written, or two sequences have no frame in common.
     pub fn run(&self, context: &Context) -> Result<CompareReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         let stage = context.stage("comparing");
         if self.tolerance.is_nan() || self.tolerance < 0.0 {
             return Err(Error::invalid(format!("⟨tolerance⟩ {}: a number from 0 on is expected", self.tolerance))

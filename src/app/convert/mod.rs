@@ -31,6 +31,7 @@ pub use report::Image;
 pub use sources::Merge;
 
 use crate::app::Context;
+use crate::app::inputs;
 use crate::app::sequence::FrameSelection;
 use crate::app::transfer::TransferSettings;
 use crate::app::use_case::{Report, Status, use_case};
@@ -246,7 +247,7 @@ impl Written {
     }
 }
 
-use_case!(ConvertSettings => ConvertReport, limits, inputs);
+use_case!(ConvertSettings => ConvertReport, limits);
 
 impl Report for ConvertReport {
     fn status(&self) -> Result<Status> {
@@ -267,6 +268,7 @@ impl ConvertSettings {
     /// to the output's, a setting belongs to another route, or the output cannot be written; the output is untouched
     /// then.
     pub fn run(&self, context: &Context) -> Result<ConvertReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         if let Some((sequence, to)) = self.sequences()? {
             return self.convert_frames(&sequence, &to, context).map(ConvertReport::Sequence);
         }

@@ -13,6 +13,7 @@ pub use motion::Motion;
 
 use crate::app::Context;
 use crate::app::failed::Failed;
+use crate::app::inputs;
 use crate::app::outputs;
 use crate::app::provenance::Provenance;
 use crate::app::ranges;
@@ -349,7 +350,7 @@ impl fmt::Display for DenoiseReport {
     }
 }
 
-use_case!(DenoiseSettings => DenoiseReport, limits, inputs);
+use_case!(DenoiseSettings => DenoiseReport, limits);
 
 impl Report for DenoiseReport {
     /// # Errors
@@ -370,6 +371,7 @@ impl DenoiseSettings {
     /// # Errors
     /// If the sequence cannot be begun, or the one picture cannot be read or written.
     pub fn run(&self, context: &Context) -> Result<DenoiseReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         ranges::within("chunk", self.chunk, [1, u32::MAX])?;
         let provenance = Provenance::begin(context).of("denoise", self, &MANNER);
         let settings = self.published.checked()?;

@@ -13,6 +13,7 @@ pub use settings::{GradientSettings, LossName, Wrt};
 
 use crate::app::Context;
 use crate::app::checks::Warning;
+use crate::app::inputs;
 use crate::app::outputs::{self, Content};
 use crate::app::provenance::Provenance;
 use crate::app::use_case::{Report, Status, use_case};
@@ -35,7 +36,7 @@ struct Results {
     page: Option<Page>,
 }
 
-use_case!(GradientSettings => GradientReport, limits, inputs);
+use_case!(GradientSettings => GradientReport, limits);
 
 impl Report for GradientReport {
     fn status(&self) -> Result<Status> {
@@ -49,6 +50,7 @@ impl GradientSettings {
     /// # Errors
     /// If the volume or the pictures cannot be used, or a parameter does not exist.
     pub fn run(&self, context: &Context) -> Result<GradientReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         let mut provenance = Provenance::begin(context);
         self.fits_together()?;
         if let Some(path) = &self.output {

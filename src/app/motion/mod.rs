@@ -4,6 +4,7 @@ mod tracing;
 
 use crate::app::Context;
 use crate::app::failed::Failed;
+use crate::app::inputs;
 use crate::app::outputs::{self, Content};
 use crate::app::provenance::{Provenance, SETTINGS};
 use crate::app::ranges;
@@ -114,7 +115,7 @@ impl fmt::Display for MotionReport {
     }
 }
 
-use_case!(MotionSettings => MotionReport, limits, inputs);
+use_case!(MotionSettings => MotionReport, limits);
 
 impl Report for MotionReport {
     fn status(&self) -> Result<Status> {
@@ -133,6 +134,7 @@ impl MotionSettings {
     /// # Errors
     /// If no frame can be begun.
     pub fn run(&self, context: &Context) -> Result<MotionReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         ranges::positive("density_scale", self.density_scale)?;
         ranges::positive("fps", self.fps)?;
         ranges::within("samples", self.samples, [1, 1 << 16])?;

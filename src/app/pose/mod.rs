@@ -4,6 +4,7 @@ mod page;
 
 use super::Context;
 use crate::app::checks::{Emission, Warning};
+use crate::app::inputs;
 use crate::app::outputs::Content;
 use crate::app::photos;
 use crate::app::ranges;
@@ -166,7 +167,7 @@ struct Search {
     seconds: f64,
 }
 
-use_case!(PoseSettings => PoseReport, limits, inputs);
+use_case!(PoseSettings => PoseReport, limits);
 
 impl Report for PoseReport {
     fn status(&self) -> Result<Status> {
@@ -185,6 +186,7 @@ impl PoseSettings {
     /// # Errors
     /// If capture, pictures or volume cannot be read or used, or the outputs cannot be written.
     pub fn run(&self, context: &Context) -> Result<PoseReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         ranges::within("iterations", self.iterations, [1, 100_000])?;
         let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), self.limits, context)?;
         let limits = task.limits;

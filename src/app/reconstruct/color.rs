@@ -6,6 +6,7 @@ use super::region::{Placed, RegionSettings};
 use super::volume::{Pictures, Solved, VolumeTask};
 use crate::app::Context;
 use crate::app::checks::Emission;
+use crate::app::inputs;
 use crate::app::outputs::Content;
 use crate::app::photos;
 use crate::app::ranges;
@@ -79,7 +80,7 @@ impl Default for ColorSettings {
     }
 }
 
-use_case!(ColorSettings => Run, limits, inputs);
+use_case!(ColorSettings => Run, limits);
 
 impl ColorSettings {
     /// Paths that the volume is made from.
@@ -92,6 +93,7 @@ impl ColorSettings {
     /// # Errors
     /// If the pictures cannot be read or used, or the outputs cannot be written.
     pub fn run(&self, context: &Context) -> Result<Run> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         self.region.check()?;
         ranges::within("iterations", self.iterations, [1, 100_000])?;
         ranges::within("smoothing", self.smoothing, [0, 64])?;

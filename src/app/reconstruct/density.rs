@@ -7,6 +7,7 @@ use super::region::{Placed, RegionSettings};
 use super::volume::{Measurements, Pictures, Solved, VolumeTask};
 use crate::app::Context;
 use crate::app::checks::Emission;
+use crate::app::inputs;
 use crate::app::outputs::Content;
 use crate::app::photos;
 use crate::app::ranges;
@@ -220,7 +221,7 @@ impl From<DensitySolver> for Solver {
     }
 }
 
-use_case!(DensitySettings => Run, limits, inputs);
+use_case!(DensitySettings => Run, limits);
 
 impl DensitySettings {
     /// Paths that the densities are made from.
@@ -234,6 +235,7 @@ impl DensitySettings {
     /// # Errors
     /// If the pictures cannot be read or used, or the outputs cannot be written.
     pub fn run(&self, context: &Context) -> Result<Run> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         self.region.check()?;
         ranges::within("iterations", self.iterations, [1, 100_000])?;
         ranges::within("smoothing", self.smoothing, [0, 64])?;

@@ -9,6 +9,7 @@ use crate::app::Context;
 use crate::app::checks::excerpt::Excerpt;
 use crate::app::checks::residuals::{self, Residuals};
 use crate::app::checks::{Emission, Warning};
+use crate::app::inputs;
 use crate::app::outputs::Content;
 use crate::app::ranges;
 use crate::app::task::{Captured, Task, without_result};
@@ -121,7 +122,7 @@ pub enum Choice {
     Weiss2021,
 }
 
-use_case!(TransferFunctionSettings => TransferRun, limits, inputs);
+use_case!(TransferFunctionSettings => TransferRun, limits);
 
 impl Report for TransferRun {
     fn status(&self) -> Result<Status> {
@@ -140,6 +141,7 @@ impl TransferFunctionSettings {
     /// # Errors
     /// If the pictures or the volume cannot be read or used, or the outputs cannot be written.
     pub fn run(&self, context: &Context) -> Result<TransferRun> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         ranges::within("texels", self.texels, [2, 1024])?;
         ranges::within("rays", self.rays, [64, 1 << 24])?;
         ranges::within("iterations", self.iterations, [1, 100_000])?;

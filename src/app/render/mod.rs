@@ -11,6 +11,7 @@ pub(crate) use frames::between;
 
 use crate::app::Context;
 use crate::app::context::Picture;
+use crate::app::inputs;
 use crate::app::outputs;
 use crate::app::pictures::renderer::{Chosen, LeftOut, Renderer};
 use crate::app::pictures::scales::DensityScales;
@@ -229,7 +230,7 @@ impl fmt::Display for ViewsReport {
     }
 }
 
-use_case!(RenderSettings => RenderReport, pictures.limits, pictures.inputs);
+use_case!(RenderSettings => RenderReport, pictures.limits);
 
 impl Report for RenderReport {
     fn status(&self) -> Result<Status> {
@@ -244,6 +245,7 @@ impl RenderSettings {
     /// If the volume or the cameras cannot be used, or the folder cannot be written to; an earlier capture in the
     /// folder is untouched then.
     pub fn run(&self, context: &Context) -> Result<RenderReport> {
+        let _inputs = inputs::protect(self.pictures.inputs(), self.pictures.limits);
         self.pictures.check()?;
         ranges::positive("fps", self.fps)?;
         if let Some(input) = self.pictures.sequence_of_folder()? {

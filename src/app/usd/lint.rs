@@ -2,6 +2,7 @@
 
 use crate::app::Context;
 use crate::app::failure::Failure;
+use crate::app::inputs;
 use crate::app::outputs::{self, Content};
 use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
@@ -81,7 +82,7 @@ impl LintReport {
     }
 }
 
-use_case!(LintSettings => LintReport, limits, inputs);
+use_case!(LintSettings => LintReport, limits);
 
 impl Report for LintReport {
     fn status(&self) -> Result<Status> {
@@ -101,6 +102,7 @@ impl LintSettings {
     /// # Errors
     /// If the only stage cannot be read, or the layer cannot be written.
     pub fn run(&self, context: &Context) -> Result<LintReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         if let Some(layer) = &self.fix {
             self.check_layer(layer)?;
         }

@@ -14,6 +14,7 @@ pub use shown::ViewReport;
 
 use crate::app::Context;
 use crate::app::failure::Failure;
+use crate::app::inputs;
 use crate::app::outputs::{self, Content as Kind};
 use crate::app::pictures::DensityScale;
 use crate::app::sequence::FrameSelection;
@@ -87,7 +88,7 @@ impl Default for ViewSettings {
 /// Extensions of the files that a folder's sequence consists of.
 const ENDINGS: [&str; 3] = ["vdb", "nvdb", "exr"];
 
-use_case!(ViewSettings => ViewReport, limits, inputs);
+use_case!(ViewSettings => ViewReport, limits);
 
 impl Report for ViewReport {
     fn status(&self) -> Result<Status> {
@@ -106,6 +107,7 @@ impl ViewSettings {
     /// # Errors
     /// If the only file cannot be read or shown, or a sheet cannot be written.
     pub fn run(&self, context: &Context) -> Result<ViewReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         self.show(context, &mut |_| Ok(()))
     }
 

@@ -3,6 +3,7 @@
 mod page;
 
 use super::Context;
+use crate::app::inputs;
 use crate::app::outputs::{self, Content};
 use crate::app::pictures::DensityScale;
 use crate::app::provenance::Provenance;
@@ -190,7 +191,7 @@ impl fmt::Display for ViewpointReport {
 /// Opacity entropies by direction, and the wall time in seconds that they took.
 type Samples = (Vec<(DVec3, f64)>, f64);
 
-use_case!(ViewpointSettings => ViewpointReport, limits, inputs);
+use_case!(ViewpointSettings => ViewpointReport, limits);
 
 impl Report for ViewpointReport {
     fn status(&self) -> Result<Status> {
@@ -209,6 +210,7 @@ impl ViewpointSettings {
     /// # Errors
     /// If the volume cannot be read or has nothing in it, or the outputs cannot be written.
     pub fn run(&self, context: &Context) -> Result<ViewpointReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         self.check()?;
         if let Some(folder) = &self.pictures {
             outputs::folder(folder)?;

@@ -14,7 +14,7 @@ use crate::app::view::ViewSettings;
 use crate::error::{Error, Result};
 use crate::formats::sequence::Frames;
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use terminal::Graphics;
 
@@ -89,10 +89,6 @@ read_as!(View, ViewArgs);
 impl Run for View {
     fn max_memory(&self) -> Result<u64> {
         Run::max_memory(&self.settings)
-    }
-
-    fn inputs(&self) -> Vec<&Path> {
-        self.settings.inputs()
     }
 
     /// Writes the sheets or shows them, and reports.

@@ -8,6 +8,7 @@ mod volumes;
 pub use report::AuthorReport;
 
 use crate::app::Context;
+use crate::app::inputs;
 use crate::app::outputs::{self, Content as Kind};
 use crate::app::pictures::scattering::Sky;
 use crate::app::provenance::Provenance;
@@ -142,7 +143,7 @@ impl Default for AuthorSettings {
     }
 }
 
-use_case!(AuthorSettings => AuthorReport, limits, inputs);
+use_case!(AuthorSettings => AuthorReport, limits);
 
 impl Report for AuthorReport {}
 
@@ -158,6 +159,7 @@ impl AuthorSettings {
     /// # Errors
     /// If inputs cannot be read or used, another command wrote the stage that lies there, or it cannot be written.
     pub fn run(&self, context: &Context) -> Result<AuthorReport> {
+        let _inputs = inputs::protect(self.inputs(), self.limits);
         ranges::positive("fps", self.fps)?;
         ranges::positive("meters_per_unit", self.meters_per_unit)?;
         ranges::positive("density_scale", self.density_scale)?;
