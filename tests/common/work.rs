@@ -125,18 +125,10 @@ impl Work {
     }
 
     /// Starts a command, and returns once it tells of an event of which `holds` is true.
-    #[allow(clippy::unbuffered_bytes, reason = "all that comes later is left to the caller")]
     pub fn reached(&self, words: &str, holds: impl Fn(&Value) -> bool) -> Child {
         let mut child = self.start(&format!("{words} --progress json"));
-        loop {
-            let bytes = child.stderr.as_mut().unwrap().bytes().map(Result::unwrap);
-            let line: Vec<u8> = bytes.take_while(|byte| *byte != b'\n').collect();
-            let event: Value = serde_json::from_slice(&line)
-                .unwrap_or_else(|e| panic!("{words}: {e}: '{}'", String::from_utf8_lossy(&line)));
-            if holds(&event) {
-                return child;
-            }
-        }
+        while !holds(&event(&mut child)) {}
+        child
     }
 
     /// Every file beneath a folder and its bytes.
@@ -175,6 +167,14 @@ impl Work {
             cumulo::formats::exr::write_picture(&frame.picture, &film, &BTreeMap::new(), false).unwrap();
         }
     }
+}
+
+/// The next event that a process tells of.
+#[allow(clippy::unbuffered_bytes, reason = "all that comes later is left to the caller")]
+fn event(child: &mut Child) -> Value {
+    let bytes = child.stderr.as_mut().unwrap().bytes().map(Result::unwrap);
+    let line: Vec<u8> = bytes.take_while(|byte| *byte != b'\n').collect();
+    serde_json::from_slice(&line).unwrap_or_else(|e| panic!("{e}: '{}'", String::from_utf8_lossy(&line)))
 }
 
 pub fn errors(out: &Output) -> String {

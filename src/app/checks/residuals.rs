@@ -57,7 +57,7 @@ impl Residuals {
         let chosen: Vec<&Excerpt> = used.into_iter().step_by(step).collect();
         let rays = Subpixels::new(rays_per_edge);
         let of_view = |tape: &mut I::Scratch, excerpt: &&Excerpt| Self::of_view(renderer, excerpt, rays, cancel, tape);
-        let all = tiles::map(&chosen, &cancel, I::Scratch::default, of_view)?;
+        let all = tiles::map(&chosen, cancel, I::Scratch::default, of_view)?;
         let total = all.into_iter().reduce(Self::plus)?;
         (total.count > 0.0 && !cancel.requested()).then_some(total)
     }

@@ -51,13 +51,13 @@ impl Form {
             _ if !real => Ok(None),
             (Self::Fog, GridClass::LevelSet) => {
                 room(0)?;
-                native.to_fog()?;
+                native.make_fog()?;
                 Ok(Some(Formed { form: self, iso: None }))
             }
             (Self::LevelSet, GridClass::FogVolume | GridClass::Unknown) => {
                 let iso = surface(native, iso)?;
                 room(native.level_set_bytes(iso)?)?;
-                native.to_level_set(iso)?;
+                native.make_level_set(iso)?;
                 Ok(Some(Formed { form: self, iso: Some(iso) }))
             }
             _ => Ok(None),

@@ -225,13 +225,14 @@ mod tests {
     /// Who calls the library, or writes settings as JSON, has no command line that checks them.
     #[test]
     fn values_out_of_range_are_refused_by_name() {
-        let refused = |change: fn(&mut PictureSettings)| {
+        type Change = fn(&mut PictureSettings);
+        let refused = |change: Change| {
             let mut settings = PictureSettings::default();
             change(&mut settings);
             settings.check().err().map(|error| error.to_string()).unwrap_or_default()
         };
         assert_eq!(refused(|_| {}), "");
-        let cases: [(&str, fn(&mut PictureSettings)); 9] = [
+        let cases: [(&str, Change); 9] = [
             ("size", |s| s.size = Some([0, 64])),
             ("views", |s| s.views = Some(0)),
             ("fov", |s| s.fov = f64::NAN),

@@ -448,7 +448,7 @@ impl RenderSettings {
     ) -> Option<(Film, Counts)> {
         let all = u64::from(view.camera.width) * u64::from(view.camera.height);
         let done = |pixels| progress.add(pixels, all);
-        let watch = Watch { cancel: &cancel, done: Some(&done) };
+        let watch = Watch { cancel, done: Some(&done) };
         match (renderer, &self.aov[..]) {
             (Renderer::Paths(paths), aovs) => {
                 let origin = self.pictures.crop.map_or([0; 2], |window| window.origin);

@@ -94,7 +94,7 @@ pub fn gradient<I: Differentiable<Real = f32>>(
     let mut own: Vec<Work<'_, I>> = accumulators.divided(count, voxels.as_deref_mut());
     let sums: Vec<Sums<'_, I::Voxel>> = tiles::partitions(
         &mut own,
-        &cancel,
+        cancel,
         |number| parts.tiles[number].iter(),
         |(_, voxels, _)| Sums {
             voxels: voxels.take(),

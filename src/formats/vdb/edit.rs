@@ -99,7 +99,7 @@ impl NativeGrid {
     ///
     /// # Errors
     /// If the grid holds neither floats nor doubles.
-    pub(crate) fn to_fog(&mut self) -> Result<()> {
+    pub(crate) fn make_fog(&mut self) -> Result<()> {
         // SAFETY: the grid is alive.
         ffi::call(|s| unsafe { ffi::grid_to_fog(self.as_ptr(), s) }).map_err(self.named())
     }
@@ -113,7 +113,7 @@ impl NativeGrid {
     /// # Errors
     /// If the grid holds neither floats nor doubles, its voxels are no cubes, the values outside are not below `iso`,
     /// or none inside is at least that.
-    pub(crate) fn to_level_set(&mut self, iso: f64) -> Result<()> {
+    pub(crate) fn make_level_set(&mut self, iso: f64) -> Result<()> {
         let info = self.info()?;
         let voxel = cubic(&info.affine()?).ok_or_else(|| {
             Error::unsupported("level sets need voxels that are cubes")
@@ -130,7 +130,7 @@ impl NativeGrid {
         ffi::call(|s| unsafe { ffi::grid_to_level_set(self.as_ptr(), iso, voxel, HALF_WIDTH, s) }).map_err(self.named())
     }
 
-    /// Estimate of the bytes that [`NativeGrid::to_level_set`] needs beside the grid itself: the surface's points and
+    /// Estimate of the bytes that [`NativeGrid::make_level_set`] needs beside the grid itself: the surface's points and
     /// quads, and twice the leaves of distances and of indices of quads within its narrow band, since each thread has
     /// leaves of its own until they are merged.
     ///
@@ -294,7 +294,7 @@ mod tests {
         }
         let mut grid = wavy(4);
         let estimate = grid.level_set_bytes(0.5).unwrap();
-        grid.to_level_set(0.5).unwrap();
+        grid.make_level_set(0.5).unwrap();
         assert!(estimate >= leaves(&grid), "{estimate} {}", leaves(&grid));
         // What does not fit is told without being counted: half a million entries take more than a mebibyte.
         assert!(wavy(2).resampled_box_bytes(0.01, 1 << 20).unwrap() > 1 << 20);
