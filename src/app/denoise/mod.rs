@@ -360,6 +360,9 @@ impl Report for DenoiseReport {
     }
 }
 
+/// Frames by number that are made again, each with the input that has changed.
+type Changed = Vec<(u32, PathBuf)>;
+
 impl DenoiseSettings {
     /// Paths that the pictures are made from.
     pub fn inputs(&self) -> Vec<&Path> {
@@ -403,19 +406,10 @@ impl DenoiseSettings {
         let outputs: Vec<PathBuf> = numbers.iter().map(|number| to.path(*number)).collect();
         outputs.iter().try_for_each(|path| protected::check(path))?;
         let is_wanted: Vec<bool> = numbers.iter().map(|number| wanted.binary_search(number).is_ok()).collect();
-        let mut write = is_wanted.clone();
-        let mut renewed = Vec::new();
-        for at in (0..numbers.len()).filter(|at| is_wanted[*at]) {
-            match self.earlier(numbers[at], &inputs[at], &outputs[at], &provenance)? {
-                Earlier::None => {}
-                Earlier::Outdated(changed) => renewed.push((numbers[at], changed)),
-                Earlier::Whole => write[at] = false,
-            }
-        }
+        let (write, renewed) = self.to_write(&is_wanted, [&inputs, &outputs], &numbers, &provenance)?;
         let skipped = is_wanted.iter().zip(&write).filter(|(wanted, write)| **wanted && !**write).count();
         let pixels = self.pixels(&inputs);
-        let kept = plan::frames_in_memory(pixels);
-        let plan = Plan::new(&write, two_way, self.chunk, self.overlap as usize, kept);
+        let plan = Plan::new(&write, two_way, self.chunk, self.overlap as usize, plan::frames_in_memory(pixels));
         let sequence =
             frames::Sequence { numbers: &numbers, inputs: &inputs, outputs: &outputs, pixels, settings: self };
         let mut done = sequence.run(&plan, settings, &provenance, &context.cancel(), context)?;
@@ -426,25 +420,12 @@ impl DenoiseSettings {
         }
         let failed: Vec<Failed> = done.failed.iter().map(|(frame, error)| Failed::new(*frame, error)).collect();
         context.failed(&failed);
-        if done.at_rest && self.motion == Motion::Auto && done.denoised > 1 {
-            context.note(
-                "the frames have no motion layer, or it is 0 everywhere: the picture counts as at rest\n  if the \
-                 camera or the volume moves, compute the motion with `cumulo motion` and give \
-                 ⟨motion=files:'motion.####.exr'⟩",
-            );
-        }
-        if let Some((frame, apart)) = done.contradiction {
-            context.note(format!(
-                "the alpha that comes with the motion is not that of the pictures, by {apart:.2} in frame {frame}: \
-                 that of the pictures is the guide\n  compute the motion with the density scale and the transfer \
-                 function that the pictures show (⟨motion.tf⟩), else it may follow what they do not show",
-            ));
-        }
+        self.remark(&done, context);
         if done.denoised > 0 {
             batch.commit()?;
         }
         let seconds = provenance.clone().lap();
-        let report = DenoiseReport {
+        Ok(DenoiseReport {
             input: self.input.clone(),
             output: self.output.clone(),
             method: self.method,
@@ -462,8 +443,45 @@ impl DenoiseSettings {
             seconds,
             seconds_denoising: done.seconds,
             still: input.is_still(),
-        };
-        Ok(report)
+        })
+    }
+
+    /// Tells which of the frames that are wanted are to be written, and those that are there by the input that has
+    /// changed since.
+    fn to_write(
+        &self,
+        is_wanted: &[bool],
+        [inputs, outputs]: [&[PathBuf]; 2],
+        numbers: &[u32],
+        provenance: &Provenance,
+    ) -> Result<(Vec<bool>, Changed)> {
+        let (mut write, mut renewed) = (is_wanted.to_vec(), Vec::new());
+        for at in (0..numbers.len()).filter(|at| is_wanted[*at]) {
+            match self.earlier(numbers[at], &inputs[at], &outputs[at], provenance)? {
+                Earlier::None => {}
+                Earlier::Outdated(changed) => renewed.push((numbers[at], changed)),
+                Earlier::Whole => write[at] = false,
+            }
+        }
+        Ok((write, renewed))
+    }
+
+    /// Remarks on motion that the frames lack, or that contradicts them.
+    fn remark(&self, done: &frames::Done, context: &Context) {
+        if done.at_rest && self.motion == Motion::Auto && done.denoised > 1 {
+            context.note(
+                "the frames have no motion layer, or it is 0 everywhere: the picture counts as at rest\n  if the \
+                 camera or the volume moves, compute the motion with `cumulo motion` and give \
+                 ⟨motion=files:'motion.####.exr'⟩",
+            );
+        }
+        if let Some((frame, apart)) = done.contradiction {
+            context.note(format!(
+                "the alpha that comes with the motion is not that of the pictures, by {apart:.2} in frame {frame}: \
+                 that of the pictures is the guide\n  compute the motion with the density scale and the transfer \
+                 function that the pictures show (⟨motion.tf⟩), else it may follow what they do not show",
+            ));
+        }
     }
 
     /// Returns the pixels of a frame, of all layers and views together; 0 if no header can be read.
