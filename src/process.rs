@@ -6,8 +6,8 @@ use crate::error::{Code, Error};
 use crate::formats::{reading, temporary};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
 
 /// Least limit in bytes that [`limit_memory`] sets: stacks and heaps of the libraries' threads take some tens of
@@ -33,6 +33,9 @@ pub(crate) fn least_memory() -> u64 {
 /// Systems without such a limit are left as they are. The message ends with `remedy`.
 pub(crate) fn limit_memory(bytes: u64, remedy: &'static str) {
     let _ = REMEDY.set(remedy);
+    if let Ok(mut reserve) = RESERVE.try_lock() {
+        reserve.get_or_insert_with(|| vec![0; RESERVED]);
+    }
     ALLOWED.store(bytes, Ordering::Relaxed);
     let before = getrlimit(Resource::Data);
     // Memory taken before the work began is added, up to an eighth of the limit.
@@ -47,6 +50,10 @@ fn taken() -> u64 {
     let kib = status.lines().find_map(|l| l.strip_prefix("VmData:")?.split_whitespace().next()?.parse::<u64>().ok());
     kib.unwrap_or(0) << 10
 }
+
+/// Bytes that are kept for the message of a process that runs out of memory.
+const RESERVED: usize = 1 << 20;
+static RESERVE: Mutex<Option<Vec<u8>>> = Mutex::new(None);
 
 /// Time that the end of the process waits for files that are being renamed.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -139,14 +146,26 @@ fn smaller() -> &'static str {
 
 /// Prints an error message that names the file being read, and ends the program with exit code 2.
 fn end(code: Code, remedy: &'static str, what: impl FnOnce() -> String) -> ! {
-    static ENDING: AtomicBool = AtomicBool::new(false);
-    if ENDING.swap(true, Ordering::SeqCst) {
-        // Another thread is already ending the process.
-        loop {
-            std::thread::park();
+    /// Thread that ends the process; 0 before.
+    static ENDING: AtomicUsize = AtomicUsize::new(0);
+    // SAFETY: it returns what this thread is known by, and does nothing else.
+    let own = unsafe { libc::pthread_self() } as usize;
+    match ENDING.compare_exchange(0, own, Ordering::SeqCst, Ordering::SeqCst) {
+        Ok(_) => {}
+        Err(other) if other == own => {
+            // What is said below takes memory, which a limit from outside may deny as well.
+            let _ = rustix::io::write(rustix::stdio::stderr(), b"cumulo: out of memory\n");
+            // SAFETY: `_exit` ends the process and may be called in any state.
+            unsafe { libc::_exit(2) }
         }
+        Err(_) => loop {
+            std::thread::park();
+        },
     }
-    // The message and the clean-up need memory of their own, so the limit is lifted.
+    // The message and the clean-up need memory of their own: what was kept for them, and the limit is lifted.
+    if let Ok(mut reserve) = RESERVE.try_lock() {
+        drop(reserve.take());
+    }
     let before = getrlimit(Resource::Data);
     let _ = setrlimit(Resource::Data, Rlimit { current: before.maximum, maximum: before.maximum });
     let error = Error::native(what()).coded(code).hint(remedy);

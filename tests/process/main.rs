@@ -23,6 +23,8 @@ mod exr_damaged;
 mod faults;
 #[cfg(target_os = "linux")]
 mod fuzz;
+#[cfg(target_os = "linux")]
+mod hard_limit;
 mod imaging_damaged;
 mod killed;
 mod soak;
