@@ -154,10 +154,10 @@ pub fn search(dvr: &Composited<Dvr<'_, f32>>, request: &Request, cancel: &Cancel
         places.retain(|axes| request.allows(axes.z_axis));
         pictures += places.len();
         let candidates = places.iter().map(|axes| {
-            let entropy = entropy_at(dvr, &request.sphere, axes, cancel);
+            let whole = (!cancel.requested()).then(|| entropy_at(dvr, &request.sphere, axes, cancel));
             // A search that was stopped keeps the entropy that its ascent evaluated last.
             let last = Entropy { value: search.ascent.value.unwrap_or(0.0), by_turn: DVec3::ZERO, blank: false };
-            View { axes: *axes, entropy: if cancel.requested() { last } else { entropy } }
+            View { axes: *axes, entropy: whole.filter(|_| !cancel.requested()).unwrap_or(last) }
         });
         // The first of equals.
         let best = candidates.reduce(|a, b| if b.entropy.value > a.entropy.value { b } else { a });
