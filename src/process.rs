@@ -178,3 +178,35 @@ fn end(code: Code, remedy: &'static str, what: impl FnOnce() -> String) -> ! {
     let _ = rustix::io::write(rustix::stdio::stderr(), text.as_bytes());
     leave_after(2, SHORT_PATIENCE)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::process::Command;
+
+    /// The message about a lack of memory may fail for the same lack: the process must not wait for its own end.
+    #[test]
+    fn a_lack_of_memory_while_the_process_ends_is_no_wait() {
+        const WITHIN: &str = "CUMULO_TEST_EXHAUSTED";
+        if std::env::var_os(WITHIN).is_some() {
+            on_end(|_| exhausted(1));
+            exhausted(1);
+        }
+        let name = "process::tests::a_lack_of_memory_while_the_process_ends_is_no_wait";
+        let mut child = Command::new(std::env::current_exe().unwrap());
+        child.args(["--exact", name, "--nocapture"]).env(WITHIN, "1");
+        let mut child = child.stderr(std::process::Stdio::piped()).spawn().unwrap();
+        let deadline = std::time::Instant::now() + Duration::from_secs(30);
+        let code = loop {
+            match child.try_wait().unwrap() {
+                Some(status) => break status.code(),
+                None if std::time::Instant::now() > deadline => {
+                    child.kill().unwrap();
+                    break child.wait().unwrap().code();
+                }
+                None => std::thread::sleep(Duration::from_millis(10)),
+            }
+        };
+        assert_eq!(code, Some(2));
+    }
+}

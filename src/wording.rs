@@ -3,14 +3,23 @@
 //! Errors, warnings and remarks name a setting as the library does, between brackets that nothing else is written in:
 //! `⟨density_scale⟩`, with a value `⟨background=1,1,1⟩`, of another use case `⟨convert.crop⟩`. Each face of the program
 //! says them in words of its own: the command line says `--density-scale`, and without a face they stand in backticks.
-//! A process has one face, as it has one language.
+//! A process has one face, as it has one language:
+//!
+//! ```standalone_crate
+//! use cumulo::prelude::*;
+//! use cumulo::wording::{Mention, speak_as};
+//!
+//! speak_as(|Mention { setting, .. }| Some(format!("'{}'", setting.replace('_', " "))));
+//! let error = PoseSettings { iterations: 0, ..PoseSettings::default() }.run(&Context::default()).unwrap_err();
+//! assert!(error.to_string().starts_with("'iterations' is 0"), "{error}");
+//! ```
 
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
 /// A setting that a text names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Mention<'t> {
+pub struct Mention<'t> {
     /// Use case whose setting it is, such as `convert`; none for the one that is running.
     pub use_case: Option<&'t str>,
     /// Name of the setting, in snake case.
@@ -20,12 +29,12 @@ pub(crate) struct Mention<'t> {
 }
 
 /// Words of a face for a setting; none for what is no setting, whose text stays as it is.
-pub(crate) type Face = fn(Mention<'_>) -> Option<String>;
+pub type Face = fn(Mention<'_>) -> Option<String>;
 
 static FACE: OnceLock<Face> = OnceLock::new();
 
 /// Has settings named by a face's words from now on. The first face of a process stays.
-pub(crate) fn speak_as(face: Face) {
+pub fn speak_as(face: Face) {
     let _ = FACE.set(face);
 }
 

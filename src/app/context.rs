@@ -13,6 +13,21 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 /// Surroundings of a use case. Copies share what was said and what stops the work.
+///
+/// ```
+/// use cumulo::prelude::*;
+///
+/// let cancel = Cancel::new();
+/// let context = Context::default().stopped_by(cancel.clone(), Cancel::NEVER).of("my pipeline, shot 7");
+/// cancel.request();
+/// # let folder = tempfile::tempdir()?;
+/// # let output = folder.path().join("view.exr");
+/// let pictures = PictureSettings { input: "fixtures/plume.vdb".into(), views: Some(1), ..PictureSettings::default() };
+/// let render = RenderSettings { output: output.clone(), pictures, ..RenderSettings::default() };
+/// assert_eq!(render.run(&context).unwrap_err().code(), Code::Cancelled);
+/// assert!(!output.exists());
+/// # Ok::<(), std::io::Error>(())
+/// ```
 #[derive(Clone)]
 pub struct Context {
     progress: Arc<dyn Progress>,
@@ -61,13 +76,13 @@ impl Context {
     /// Returns a context whose work stops once `cancel` is set. What only measures or shows the result of stopped work
     /// goes on until `closing` is set.
     #[must_use]
-    pub(crate) fn stopped_by(self, cancel: Cancel, closing: Cancel) -> Self {
+    pub fn stopped_by(self, cancel: Cancel, closing: Cancel) -> Self {
         Self { cancel, closing, ..self }
     }
 
     /// Returns a context whose outputs say that they come from `origin`, such as a command line.
     #[must_use]
-    pub(crate) fn of(self, origin: &str) -> Self {
+    pub fn of(self, origin: &str) -> Self {
         Self { origin: origin.into(), ..self }
     }
 

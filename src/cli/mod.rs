@@ -307,7 +307,7 @@ fn mistake(text: &str) -> String {
 ///
 /// # Errors
 /// Those of the subcommand; the caller prints them and exits with 2.
-pub fn run(arguments: Arguments) -> Result<ExitCode> {
+fn run(arguments: Arguments) -> Result<ExitCode> {
     if arguments.global.json {
         document::begin(&arguments.path);
         process::on_end(document::error);

@@ -1,9 +1,9 @@
 //! Inputs of work that is under way, which no output replaces.
 //!
-//! While someone [`watch`]es, every file is protected that readers open, whichever setting, capture, scene or stage named
-//! it, beside those that [`add`] names before they are read. [`atomic`](super::atomic) puts no output in the place of a
-//! protected file. Files are told by device and inode, so that links and other spellings of a path lead to the same
-//! file. Work that goes on at once in a process protects its inputs together.
+//! While someone [`watch`]es, every file is protected that readers open, whichever setting, capture, scene or stage
+//! named it, beside those that [`add`] names before they are read. [`atomic`](super::atomic) puts no output in the
+//! place of a protected file. Files are told by device and inode, so that links and other spellings of a path lead to
+//! the same file. Work that goes on at once in a process protects its inputs together.
 
 use crate::error::{Code, Error, Result};
 use std::collections::BTreeMap;

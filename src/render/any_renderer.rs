@@ -46,7 +46,7 @@ impl<'a> AnyRenderer<'a> {
     }
 
     /// Returns the default quadrature of a scene.
-    pub(crate) fn usual_quadrature(scene: &Scene) -> Quadrature {
+    pub fn usual_quadrature(scene: &Scene) -> Quadrature {
         match &scene.volumes[..] {
             [Volume::Density(_, medium)] => Quadrature::usual(&medium.source),
             _ => Quadrature::Exact,
@@ -71,7 +71,7 @@ impl<'a> AnyRenderer<'a> {
     }
 
     /// Returns a bound of the error that the quadrature makes in any channel of a pixel; `None` where none is stated.
-    pub(crate) fn quadrature_error(&self) -> Option<f64> {
+    pub fn quadrature_error(&self) -> Option<f64> {
         match self {
             Self::Density(dvr) => dvr.quadrature_error(),
             Self::PreShaded(_) => None,
@@ -79,7 +79,7 @@ impl<'a> AnyRenderer<'a> {
     }
 
     /// Renders a picture as [`aov::picture_with`] does.
-    pub(crate) fn picture_with<'w>(
+    pub fn picture_with<'w>(
         &self,
         camera: &Camera,
         rays_per_edge: usize,

@@ -75,8 +75,8 @@ struct Pixel {
 }
 
 /// Renders a picture as [`picture`](super::picture()) does, and the requested planes beside RGBA, but
-/// for those of scattered paths ([`Aov::of_paths`]). Returns `None` if the watch stopped it.
-pub(crate) fn picture_with<'w, I: Integrator<Real = f32>>(
+/// for those of scattered paths (`Aov::of_paths`). Returns `None` if the watch stopped it.
+pub fn picture_with<'w, I: Integrator<Real = f32>>(
     renderer: &Composited<I>,
     camera: &Camera,
     rays_per_edge: usize,

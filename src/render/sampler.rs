@@ -46,7 +46,7 @@ impl Sampler {
 
     /// Returns the next four numbers in [0, 1) that are even over the samples of a pixel.
     #[inline]
-    pub fn stratified(&mut self) -> [f64; 4] {
+    pub(crate) fn stratified(&mut self) -> [f64; 4] {
         if self.sets == SETS {
             return std::array::from_fn(|_| self.uniform());
         }

@@ -99,7 +99,7 @@ pub struct Capture {
 
 impl Capture {
     /// A capture that states nothing but its views: pictures of an absorber before white.
-    pub(crate) fn of_frames(frames: Vec<Frame>) -> Self {
+    pub fn of_frames(frames: Vec<Frame>) -> Self {
         Self {
             frames,
             model: Model::Absorption,

@@ -56,7 +56,7 @@ pub fn load(path: &Path) -> Result<Capture> {
 ///
 /// # Errors
 /// The conditions are those of [`load`], with these limits.
-pub(crate) fn load_within(path: &Path, limits: Limits) -> Result<Capture> {
+pub fn load_within(path: &Path, limits: Limits) -> Result<Capture> {
     stated_within(path, limits)?.direct().map_err(|e| e.at(file(path)))
 }
 

@@ -40,7 +40,7 @@ impl File {
     }
 
     /// Path by which the file was opened.
-    pub(crate) fn path(&self) -> &Path {
+    pub fn path(&self) -> &Path {
         &self.source.path
     }
     /// File version, writing library and grid directory.

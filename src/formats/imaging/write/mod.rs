@@ -58,7 +58,7 @@ impl Target {
     }
 
     /// Other files that are written with one of this path.
-    pub fn companion(self, path: &Path) -> Option<PathBuf> {
+    pub(crate) fn companion(self, path: &Path) -> Option<PathBuf> {
         (self == Self::MetaHeader).then(|| path.with_extension("raw"))
     }
 }
