@@ -12,7 +12,7 @@
 //! let field = Bricks::from_grid(&grid, limits.max_memory)?;
 //! let camera = orbit::cameras(&field.outline(), 1, Layout::Sphere, 64, 64, 40.0, Up::Z)[0];
 //! let light = Dvr::new(&field, Medium::absorbing(3.0))?.over([1.0; 3]);
-//! let film = picture(&light, &camera, 1, &Cancel::NEVER).ok_or_else(Error::cancelled)?;
+//! let film = render(&light, &camera, Sampling::grid(1), &[], &Cancel::NEVER).ok_or_else(Error::cancelled)?.film;
 //! assert!(film.rgba.iter().any(|pixel| pixel[3] > 0.5));
 //! # Ok(())
 //! # }
@@ -48,8 +48,9 @@ pub use crate::formats::limits::Limits;
 pub use crate::formats::sequence::Frames;
 pub use crate::formats::vdb::File as Vdb;
 pub use crate::render::dvr::Dvr;
+pub use crate::render::film::{Rendered, Sampling, render};
+pub use crate::render::integrator::Integrator;
 pub use crate::render::path::PathTracer;
-pub use crate::render::picture;
 pub use crate::render::quadrature::Quadrature;
 pub use crate::scene::bricks::Bricks;
 pub use crate::scene::camera::Camera;

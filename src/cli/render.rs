@@ -5,7 +5,7 @@ use super::parse;
 use crate::app::pictures::PictureSettings;
 use crate::app::render::RenderSettings;
 use crate::formats::sequence::Frames;
-use crate::render::aov::Aov;
+use crate::render::film::Aov;
 use std::path::PathBuf;
 
 /// Render a volume from many sides: a capture of EXR pictures and transforms.json; or one picture, EXR or PNG

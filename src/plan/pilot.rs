@@ -3,8 +3,9 @@
 use super::{Effect, Integrator, Plan, State};
 use crate::cancel::Cancel;
 use crate::error::Result;
-use crate::render::any_renderer::AnyRenderer;
-use crate::render::path::{Limits, PathTracer, Sampling};
+use crate::render::direct::DirectRenderer;
+use crate::render::film::{self, Sampling};
+use crate::render::path::{Limits, PathTracer};
 use crate::render::quadrature::Quadrature;
 use crate::scene::camera::Camera;
 use crate::scene::scene::Scene;
@@ -72,14 +73,15 @@ pub(crate) fn run(
         (0..ROUNDS).map(|_| timed(picture)).try_fold(f64::INFINITY, |least, seconds| Some(least.min(seconds?)))
     };
     if plan.integrator == Integrator::DirectVolumeRendering {
-        let renderer = AnyRenderer::new(simplified, quadrature)?;
-        let each = rounds(&|per_edge| renderer.picture(&view, per_edge as usize, cancel).map(|_| ()));
+        let renderer = DirectRenderer::new(simplified, quadrature)?;
+        let sampling = |per_edge| Sampling::grid(per_edge as usize);
+        let each = rounds(&|per_edge| renderer.render(&view, sampling(per_edge), &[], cancel).map(|_| ()));
         return Ok(each.map(cost));
     }
     let traced = |max_bounces: u32| {
         let tracer = PathTracer::new(simplified)?.limits(Limits { max_bounces });
-        let sampling = |per_edge| Sampling::new(per_edge * per_edge, 0);
-        Ok(rounds(&|per_edge| tracer.picture(&view, sampling(per_edge), &[], cancel).map(|_| ())))
+        let sampling = |per_edge| Sampling::random(per_edge * per_edge, 0);
+        Ok(rounds(&|per_edge| film::render(&tracer, &view, sampling(per_edge), &[], cancel).map(|_| ())))
     };
     let most = plan.limits.max_bounces;
     let (Some(none), Some(one), Some(all)) = (traced(0)?, traced(most.min(1))?, traced(most)?) else { return Ok(None) };

@@ -4,10 +4,15 @@
 
 use super::differentiable::{Accumulators, Adjoint, Cotangent, Differentiable, Forward, ParameterGradient};
 use super::differentiable::{RayGradient, Seeds, TangentRadiance};
-use super::integrator::{Integrator, Radiance};
+use super::emission_absorption::{EmissionAbsorption, Radiance};
+use super::film::Subpixels;
+use super::integrator::{Counts, First, Integrator, Sample};
+use super::sampler::Sampler;
 use crate::dual::Dual;
 use crate::math::Ray;
 use crate::real::Real;
+use crate::scene::camera::Camera;
+use glam::DVec3;
 
 /// Radiance of a medium over its background, as stored in a pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,16 +58,16 @@ impl<R: Real, const P: usize> TangentPixel<R, P> {
 /// Maps a pixel to the derivatives of a loss with respect to red, green, blue and alpha.
 pub(crate) type PixelLoss<'l, R> = &'l mut dyn FnMut(&Pixel<R>) -> [R; 4];
 
-/// An integrator and the constant radiance behind its medium.
+/// A medium that emits and absorbs, and the constant radiance behind it.
 #[derive(Debug, Clone)]
 pub struct Composited<I> {
-    /// Integrator that computes the radiance of the medium.
-    pub integrator: I,
+    /// Medium along straight rays.
+    pub medium: I,
     /// Radiance behind the medium, in red, green and blue.
     pub background: [f32; 3],
 }
 
-impl<I: Integrator> Composited<I> {
+impl<I: EmissionAbsorption> Composited<I> {
     /// Composites a radiance of the medium over the background.
     #[inline(always)]
     pub(crate) fn composite(&self, light: &Radiance) -> Pixel<I::Real> {
@@ -80,10 +85,10 @@ impl<I: Integrator> Composited<I> {
         }
     }
 
-    /// Replaces the integrator by `change` of it, over the same background.
+    /// Replaces the medium by `change` of it, over the same background.
     #[must_use]
     pub fn with(self, change: impl FnOnce(I) -> I) -> Self {
-        Self { integrator: change(self.integrator), ..self }
+        Self { medium: change(self.medium), ..self }
     }
 
     /// Returns the largest channel of the background.
@@ -99,7 +104,44 @@ impl<I: Integrator> Composited<I> {
     /// Returns the pixel of a world ray of unit direction, with scratch memory that is reused from ray to ray.
     #[inline(always)]
     pub fn pixel_on(&self, ray: &Ray, scratch: &mut I::Scratch) -> Pixel<I::Real> {
-        self.composite(&self.integrator.li(ray, scratch))
+        self.composite(&self.medium.integrate(ray, scratch))
+    }
+}
+
+impl<I: EmissionAbsorption<Real = f32>> Composited<I> {
+    /// Returns RGBA of one pixel, the mean over its rays.
+    pub(crate) fn mean(&self, camera: &Camera, rays: Subpixels, at: [usize; 2], scratch: &mut I::Scratch) -> [f32; 4] {
+        let (mut mean, share) = ([0.0; 4], 1.0 / rays.count() as f32);
+        for [x, y] in rays.positions(at) {
+            let rgba = self.pixel_on(&camera.ray(x, y), scratch).rgba();
+            mean.iter_mut().zip(rgba).for_each(|(mean, v)| *mean += share * v);
+        }
+        mean
+    }
+}
+
+/// Without random numbers: all estimates along a ray are alike.
+impl<I: EmissionAbsorption<Real = f32>> Integrator for Composited<I> {
+    type Primary = Sample;
+    type Scratch = I::Scratch;
+
+    #[inline(always)]
+    fn primary(&self, ray: &Ray, scratch: &mut I::Scratch) -> Sample {
+        let Pixel { rgb, transmittance, depth } = self.pixel_on(ray, scratch);
+        Sample { unscattered: rgb.into(), transmittance, optical_depth: depth, ..Sample::default() }
+    }
+
+    #[inline(always)]
+    fn li(&self, _: &Ray, sample: &Sample, _: &mut Sampler, _: &mut I::Scratch) -> Sample {
+        *sample
+    }
+
+    fn normal(&self, _: &First) -> DVec3 {
+        DVec3::ZERO
+    }
+
+    fn take_counts(_: &mut I::Scratch) -> Counts {
+        Counts::default()
     }
 }
 
@@ -128,9 +170,9 @@ impl<I: Differentiable> Composited<I> {
             Cotangent { rgb, transmittance: by_transmittance }
         };
         let inner = Accumulators { voxels, table, ray: by_ray, shared: &mut *shared };
-        let light = self.integrator.vjp(ray, &mut composited, adjoint, inner, scratch);
+        let light = self.medium.vjp(ray, &mut composited, adjoint, inner, scratch);
         shared.background.iter_mut().zip(by_background).for_each(|(sum, by)| *sum += by);
-        // Every integrator asks the loss once.
+        // Every medium asks the loss once.
         pixel.unwrap_or_else(|| self.composite(&light))
     }
 
@@ -159,7 +201,7 @@ impl<I: Differentiable> Composited<I> {
     where
         I: Forward<P>,
     {
-        let TangentRadiance { rgb, depth } = self.integrator.jvp(ray, seeds, scratch);
+        let TangentRadiance { rgb, depth } = self.medium.jvp(ray, seeds, scratch);
         let light = Radiance { rgb: rgb.map(|c| c.value), depth: depth.value };
         let pixel = self.composite(&light);
         let transmittance = light.transmittance();

@@ -1,6 +1,6 @@
 //! Derivatives of the light along a ray, in reverse and in forward mode.
 
-use super::integrator::{Integrator, Radiance};
+use super::emission_absorption::{EmissionAbsorption, Radiance};
 use crate::dual::Dual;
 use crate::math::Ray;
 use crate::scene::bricks::{Bricks, Voxel};
@@ -120,7 +120,7 @@ pub struct TangentRadiance<const P: usize> {
 }
 
 /// An integrator with derivatives in reverse mode.
-pub trait Differentiable: Integrator {
+pub trait Differentiable: EmissionAbsorption {
     /// Voxel type of the field.
     type Voxel: Voxel;
 
@@ -146,7 +146,7 @@ pub trait Differentiable: Integrator {
 
 /// An integrator with derivatives in forward mode, along `P` directions at once.
 pub trait Forward<const P: usize>: Differentiable {
-    /// Returns the radiance along a world ray of unit direction, bit for bit that of `Integrator::li`, with its
+    /// Returns the radiance along a world ray of unit direction, bit for bit that of `EmissionAbsorption::integrate`, with its
     /// derivatives (Jacobian-vector products): the transpose of [`Differentiable::vjp`].
     fn jvp(&self, ray: &Ray, seeds: &Seeds<'_, Self::Voxel, P>, scratch: &mut Self::Scratch) -> TangentRadiance<P>;
 }

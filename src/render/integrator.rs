@@ -1,35 +1,127 @@
-//! Integrators: radiance and optical depth along a ray.
+//! Integrators: estimates of the light that arrives along a camera's ray.
 
+use super::sampler::Sampler;
 use crate::math::Ray;
-use crate::real::Real;
+use glam::{DVec3, Vec3};
 
-/// Radiance that reaches the origin of a ray from the medium along it, and the optical depth of the medium.
-///
-/// Radiance from behind the medium is not part of it: [`Composited`](crate::render::composited::Composited) adds the
-/// background.
+/// One estimate of the light along a camera's ray.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Radiance {
-    /// Radiance in red, green and blue that the medium emits towards the origin.
-    pub rgb: [f64; 3],
-    /// Optical depth of the whole ray.
-    pub depth: f64,
+pub struct Sample {
+    /// Radiance that was not scattered: emitted towards the camera, and from behind the media.
+    pub unscattered: Vec3,
+    /// Radiance of lights and environment that was scattered once.
+    pub direct: Vec3,
+    /// Radiance that was scattered more often, and emission that was scattered.
+    pub indirect: Vec3,
+    /// Transmittance of the ray, the mean of the channels.
+    pub transmittance: f32,
+    /// Optical depth of the ray.
+    pub optical_depth: f64,
+    /// First collision along the ray.
+    pub first: Option<First>,
 }
 
-impl Radiance {
-    /// Returns the share of the light behind the medium that arrives, `exp(-depth)`.
+impl Sample {
+    /// Returns the radiance in all.
     #[inline(always)]
-    pub(crate) fn transmittance(&self) -> f64 {
-        (-self.depth).exp()
+    pub fn radiance(&self) -> Vec3 {
+        self.unscattered + self.direct + self.indirect
+    }
+
+    /// Returns color and alpha = 1 - transmittance.
+    #[inline(always)]
+    pub(crate) fn rgba(&self) -> [f32; 4] {
+        self.radiance().extend(1.0 - self.transmittance).to_array()
+    }
+
+    /// Scales the scattered radiance down to at most `most` in each channel, and counts what is lost.
+    pub(crate) fn clamp(&mut self, most: f32, counts: &mut Counts) {
+        let scattered = self.direct + self.indirect;
+        let share = most / scattered.max_element();
+        if share < 1.0 {
+            self.direct *= share;
+            self.indirect *= share;
+            counts.clamped += 1;
+            counts.lost += f64::from(mean(scattered) * (1.0 - share));
+        }
     }
 }
 
-/// Computes the radiance that a medium emits along rays, and its optical depth: deterministic, the background apart.
+/// Returns the mean of the channels, exactly that of equal ones.
+#[inline(always)]
+pub(crate) fn mean(color: Vec3) -> f32 {
+    if color.x == color.y && color.y == color.z { color.x } else { color.element_sum() / 3.0 }
+}
+
+/// First collision of a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct First {
+    /// World length from the ray's origin.
+    pub distance: f64,
+    /// Position in world space.
+    pub position: DVec3,
+    /// Share of the extinction that is scattered, by channel.
+    pub albedo: Vec3,
+    /// Number of the volume.
+    pub volume: usize,
+    /// Weight of the collision: the opacity of the camera's ray, or an estimate of it.
+    pub share: f32,
+}
+
+/// Number of events while paths were traced.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Counts {
+    /// Paths.
+    pub paths: u64,
+    /// Real collisions with a medium.
+    pub collisions: u64,
+    /// Densities looked up on the way to collisions.
+    pub lookups: u64,
+    /// Rays to lights whose transmittance was computed.
+    pub shadow_rays: u64,
+    /// Extinctions above their majorant. Any of them biases the picture.
+    pub violations: u64,
+    /// Directions drawn whose probability density was 0 or not a number. Any of them biases the picture.
+    pub impossible: u64,
+    /// Paths whose scattered radiance was clamped.
+    pub clamped: u64,
+    /// Radiance that they lost, the mean of the channels.
+    pub lost: f64,
+}
+
+impl Counts {
+    /// Returns the sums of both.
+    #[must_use]
+    pub fn plus(self, o: Self) -> Self {
+        Self {
+            paths: self.paths + o.paths,
+            collisions: self.collisions + o.collisions,
+            lookups: self.lookups + o.lookups,
+            shadow_rays: self.shadow_rays + o.shadow_rays,
+            violations: self.violations + o.violations,
+            impossible: self.impossible + o.impossible,
+            clamped: self.clamped + o.clamped,
+            lost: self.lost + o.lost,
+        }
+    }
+}
+
+/// Estimates the light along cameras' rays.
 pub trait Integrator: Sync {
-    /// Floating-point type of the integrator's inner loops.
-    type Real: Real;
+    /// State that all estimates along one ray share.
+    type Primary: Copy;
     /// Scratch memory of a task, reused from ray to ray.
     type Scratch: Default + Send;
 
-    /// Returns the radiance along a world ray of unit direction.
-    fn li(&self, ray: &Ray, scratch: &mut Self::Scratch) -> Radiance;
+    /// Walks along a camera's ray of unit direction, in world space.
+    fn primary(&self, ray: &Ray, scratch: &mut Self::Scratch) -> Self::Primary;
+
+    /// Returns an estimate of the light along the ray that was walked last with this scratch memory.
+    fn li(&self, ray: &Ray, primary: &Self::Primary, sampler: &mut Sampler, scratch: &mut Self::Scratch) -> Sample;
+
+    /// Returns the unit vector in which the density falls at a collision; 0 where it is constant.
+    fn normal(&self, first: &First) -> DVec3;
+
+    /// Returns the number of events since the last call.
+    fn take_counts(scratch: &mut Self::Scratch) -> Counts;
 }

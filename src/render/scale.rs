@@ -2,7 +2,7 @@
 
 use crate::cancel::Cancel;
 use crate::render::dvr::Dvr;
-use crate::render::integrator::Integrator;
+use crate::render::emission_absorption::EmissionAbsorption;
 use crate::render::tiles;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -28,13 +28,13 @@ pub(crate) fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Cam
 
 /// Returns the optical depths that the pixels of all cameras see where they see any, in ascending order. About 64
 /// pixels along the shorter edge of each picture are sampled.
-pub(crate) fn depths<I: Integrator>(integrator: &I, cameras: &[Camera]) -> Vec<f64> {
+pub(crate) fn depths<I: EmissionAbsorption>(integrator: &I, cameras: &[Camera]) -> Vec<f64> {
     let of_camera = |scratch: &mut I::Scratch, camera: &Camera| {
         let stride = (camera.width.min(camera.height) / PIXELS).max(1);
         let rows = (stride / 2..camera.height).step_by(stride as usize);
         let pixels = rows.flat_map(|y| (stride / 2..camera.width).step_by(stride as usize).map(move |x| (x, y)));
         let ray = |(x, y)| camera.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        pixels.map(|pixel| integrator.li(&ray(pixel), scratch).depth).filter(|d| *d > 0.0).collect::<Vec<_>>()
+        pixels.map(|pixel| integrator.integrate(&ray(pixel), scratch).depth).filter(|d| *d > 0.0).collect::<Vec<_>>()
     };
     let mut depths = tiles::map(cameras, &Cancel::NEVER, I::Scratch::default, of_camera).unwrap_or_default().concat();
     depths.sort_by(f64::total_cmp);

@@ -25,39 +25,6 @@ impl<'w> From<&'w Cancel> for Watch<'w> {
     }
 }
 
-/// The rays of a pixel: through the centres of `per_edge`² equal squares of it, row by row.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Subpixels {
-    per_edge: usize,
-}
-
-impl Subpixels {
-    /// Creates `per_edge` rays along each edge of a pixel, at least one.
-    pub(crate) fn new(per_edge: usize) -> Self {
-        Self { per_edge: per_edge.max(1) }
-    }
-
-    /// Returns the number of rays of a pixel.
-    #[inline(always)]
-    pub(crate) fn count(self) -> usize {
-        self.per_edge * self.per_edge
-    }
-
-    /// Returns the image position of a pixel's ray, in pixels.
-    #[inline(always)]
-    pub(crate) fn position(self, [x, y]: [usize; 2], ray: usize) -> [f64; 2] {
-        let n = self.per_edge;
-        let offset = |k: usize| (k as f64 + 0.5) / n as f64;
-        [x as f64 + offset(ray % n), y as f64 + offset(ray / n)]
-    }
-
-    /// Returns the image positions of all rays of a pixel, in pixels.
-    #[inline(always)]
-    pub(crate) fn positions(self, pixel: [usize; 2]) -> impl Iterator<Item = [f64; 2]> {
-        (0..self.count()).map(move |ray| self.position(pixel, ray))
-    }
-}
-
 /// Applies `work` to each unit, with scratch memory for each unit at work, and returns the results in the units' order;
 /// `None` if `cancel` was set before all were done.
 pub(crate) fn map<U: Sync, S, T: Send>(
@@ -71,34 +38,40 @@ pub(crate) fn map<U: Sync, S, T: Send>(
     units.par_iter().with_max_len(1).map_init(scratch, one).collect()
 }
 
-/// Computes the pixels of a picture in row-major order, in parallel over bands of rows: `pixel(scratch, [x, y])`
-/// returns the value of one. `None` if the watch stopped the work before all were done.
-pub(crate) fn pixels<S, T: Send + Default + Clone>(
+/// Computes the pixels of a picture in row-major order, in parallel over bands of rows. `begin` creates what a band of a
+/// number of pixels has beside them, and `pixel(scratch, [x, y], (band, index))` returns the value of one, whose
+/// `index` in its band is row-major. Returns the pixels and the bands from top to bottom; `None` if the watch stopped
+/// the work before all were done.
+pub(crate) fn pixels<S, B: Send, T: Send + Default + Clone>(
     [width, height]: [usize; 2],
-    watch: Option<Watch<'_>>,
+    watch: Watch<'_>,
     scratch: impl Fn() -> S + Sync + Send,
-    pixel: impl Fn(&mut S, [usize; 2]) -> T + Sync + Send,
-) -> Option<Vec<T>> {
+    begin: impl Fn(usize) -> B + Sync + Send,
+    pixel: impl Fn(&mut S, [usize; 2], (&mut B, usize)) -> T + Sync + Send,
+) -> Option<(Vec<T>, Vec<B>)> {
     let mut values = vec![T::default(); width * height];
-    let cancel = watch.map_or(&Cancel::NEVER, |watch| watch.cancel);
     let bands = values.par_chunks_mut((width * TILE[1]).max(1)).enumerate().with_max_len(1);
-    bands.for_each_init(scratch, |scratch, (band, rows)| {
+    let bands = bands.map_init(scratch, |scratch, (number, pixels)| {
+        let mut band = begin(pixels.len());
         for left in (0..width).step_by(TILE[0]) {
-            if cancel.requested() {
-                return;
+            if watch.cancel.requested() {
+                return None;
             }
             let across = left..width.min(left + TILE[0]);
-            for (row, values) in rows.chunks_mut(width).enumerate() {
+            for row in 0..pixels.len() / width {
                 for x in across.clone() {
-                    values[x] = pixel(scratch, [x, band * TILE[1] + row]);
+                    let index = row * width + x;
+                    pixels[index] = pixel(scratch, [x, number * TILE[1] + row], (&mut band, index));
                 }
             }
-            if let Some(done) = watch.and_then(|watch| watch.done) {
-                done((across.len() * (rows.len() / width)) as u64);
+            if let Some(done) = watch.done {
+                done((across.len() * (pixels.len() / width)) as u64);
             }
         }
+        Some(band)
     });
-    (!cancel.requested()).then_some(values)
+    let bands = bands.collect::<Option<_>>()?;
+    (!watch.cancel.requested()).then_some((values, bands))
 }
 
 /// Width and height of the tiles of [`pixels`]. A band of as many rows is one task; within it pixels go tile by tile,
@@ -141,6 +114,7 @@ pub(crate) fn runs(count: usize, length: usize) -> Vec<Range<usize>> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
     use std::sync::atomic::{AtomicU64, Ordering};
@@ -148,13 +122,23 @@ mod tests {
     #[test]
     fn every_pixel_has_its_own_value_and_a_flag_stops_all() {
         for size in [[0, 3], [1, 1], [17, 5], [40, 31]] {
-            let found = pixels(size, None, || (), |(), [x, y]| (x + 1, y + 1));
+            let found = pixels(
+                size,
+                (&Cancel::NEVER).into(),
+                || (),
+                |_| 0,
+                |(), [x, y], (count, _)| {
+                    *count += 1;
+                    (x + 1, y + 1)
+                },
+            );
+            let (found, counts) = found.unwrap();
             let expected: Vec<_> = (0..size[0] * size[1]).map(|i| (i % size[0] + 1, i / size[0] + 1)).collect();
-            assert_eq!(found, Some(expected), "{size:?}");
+            assert_eq!((found, counts.iter().sum()), (expected, size[0] * size[1]), "{size:?}");
         }
         let set = Cancel::new();
         set.request();
-        assert_eq!(pixels([4, 4], Some((&set).into()), || (), |(), _| 1), None);
+        assert_eq!(pixels([4, 4], (&set).into(), || (), |_| (), |(), _, _| 1), None);
         assert_eq!(map(&[1, 2], &set, || (), |(), unit| *unit), None);
     }
 
@@ -165,7 +149,7 @@ mod tests {
             count.fetch_add(pixels, Ordering::Relaxed);
         };
         let watch = Watch { cancel: &cancel, done: Some(&done) };
-        assert!(pixels([37, 11], Some(watch), || (), |(), _| 1).is_some());
+        assert!(pixels([37, 11], watch, || (), |_| (), |(), _, _| 1).is_some());
         assert_eq!(count.into_inner(), 37 * 11);
     }
 
@@ -177,12 +161,5 @@ mod tests {
         let expected: Vec<u64> = (0..7).map(|k| units.iter().filter(|u| *u % 7 == k).sum()).collect();
         assert_eq!(sums, expected);
         assert_eq!(runs(10, 4), [0..4, 4..8, 8..10]);
-    }
-
-    #[test]
-    fn rays_of_a_pixel_stand_in_the_middle_of_equal_squares() {
-        let two: Vec<[f64; 2]> = Subpixels::new(2).positions([3, 5]).collect();
-        assert_eq!(two, [[3.25, 5.25], [3.75, 5.25], [3.25, 5.75], [3.75, 5.75]]);
-        assert_eq!(Subpixels::new(0).positions([0, 0]).collect::<Vec<_>>(), [[0.5, 0.5]]);
     }
 }

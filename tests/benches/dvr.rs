@@ -11,7 +11,7 @@ use cumulo::real::Real;
 use cumulo::render::composited::Composited;
 use cumulo::render::differentiable::Adjoint;
 use cumulo::render::dvr::{Dvr, Precision, Tape};
-use cumulo::render::picture;
+use cumulo::render::film::{self, Sampling};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, Projection};
@@ -143,7 +143,7 @@ pub fn pictures(path: &Path, threads: usize, folder: &Path, voxels: DVec3) {
             let mut seconds: Vec<f64> = Vec::new();
             while seconds.len() < PICTURES_EACH && seconds.iter().sum::<f64>() < ENOUGH {
                 let before = processor_seconds();
-                pool.install(|| drop(black_box(picture(&dvr, &camera, 1, &cancel))));
+                pool.install(|| drop(black_box(film::render(&dvr, &camera, Sampling::grid(1), &[], &cancel))));
                 seconds.push(processor_seconds() - before);
             }
             let seen = compared(&dvr, &camera, [0.0; 2]);
@@ -196,7 +196,7 @@ pub fn gradient(path: &Path, threads: usize, rule: Quadrature, pixels: u32) {
     let megabytes = (memory("VmHWM:") - base) / 1024.0;
     let mut by_replay = fresh();
     let [value, tape, replay] = in_turn([
-        &mut || pool.install(|| drop(black_box(picture(&dvr, &camera, 1, &cancel)))),
+        &mut || pool.install(|| drop(black_box(film::render(&dvr, &camera, Sampling::grid(1), &[], &cancel)))),
         &mut || back(Adjoint::Tape, &mut by_tape),
         &mut || back(Adjoint::Replay, &mut by_replay),
     ]);

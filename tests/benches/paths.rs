@@ -7,7 +7,8 @@ use super::turns::{in_turn, median, ratio};
 use cumulo::cancel::Cancel;
 use cumulo::math::Affine;
 use cumulo::plan::{Plan, Request};
-use cumulo::render::path::{PathFilm, PathTracer, Sampling};
+use cumulo::render::film::{self, Rendered, Sampling};
+use cumulo::render::path::PathTracer;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::environment::Environment;
 use cumulo::scene::light::Light;
@@ -80,8 +81,8 @@ pub fn rows() -> Vec<Row> {
     scenes().into_iter().flat_map(of_scene).chain([off_effects()]).chain(threads()).chain(resolutions()).collect()
 }
 
-fn picture(tracer: &PathTracer<'_>, scene: &Scene, seed: u64) -> PathFilm {
-    tracer.picture(&scene.cameras[0], Sampling::new(64, seed), &[], &Cancel::NEVER).unwrap()
+fn picture(tracer: &PathTracer<'_>, scene: &Scene, seed: u64) -> Rendered {
+    film::render(tracer, &scene.cameras[0], Sampling::random(64, seed), &[], &Cancel::NEVER).unwrap()
 }
 
 /// What effects cost that a plan has found to be off: lights that are black. Pictures must be the same bit for bit.

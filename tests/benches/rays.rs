@@ -11,7 +11,7 @@ use cumulo::math::{Affine, Ray};
 use cumulo::render::composited::Composited;
 use cumulo::render::differentiable::Adjoint;
 use cumulo::render::dvr::{Dvr, Tape};
-use cumulo::render::picture;
+use cumulo::render::film::{self, Sampling};
 use cumulo::scene::bricks::{Bricks, NONE};
 use cumulo::scene::camera::Camera;
 use cumulo::scene::medium::{Medium, Source};
@@ -88,7 +88,9 @@ pub fn rows() -> Vec<Row> {
 
 fn render(dvr: &Composited<Dvr<'_, f32>>, scene: &Scene, pool: &ThreadPool) {
     let cancel = Cancel::NEVER;
-    pool.install(|| scene.cameras.iter().for_each(|c| drop(black_box(picture(dvr, c, 1, &cancel)))));
+    pool.install(|| {
+        scene.cameras.iter().for_each(|c| drop(black_box(film::render(dvr, c, Sampling::grid(1), &[], &cancel))))
+    });
 }
 
 /// Value against value and gradient, one thread, each through the driver that the program itself uses.

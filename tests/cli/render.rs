@@ -5,8 +5,8 @@ use crate::common::work::{Work, density, errors, fixture, interrupt, until};
 use cumulo::cancel::Cancel;
 use cumulo::formats::vdb::shaded;
 use cumulo::formats::{exr, transforms};
-use cumulo::render;
 use cumulo::render::dvr::Dvr;
+use cumulo::render::film::{self, Sampling};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::capture::{EmissionModel, Model, PixelFilter};
@@ -28,7 +28,7 @@ fn assert_as_described(work: &Work, folder: &str, volume: &Path, quadrature: Qua
     let field = field(volume);
     let dvr = Dvr::new(&field, capture.medium().unwrap()).unwrap().quadrature(quadrature).over(capture.background);
     for frame in &capture.frames {
-        let expected = render::picture(&dvr, &frame.camera, 1, &Cancel::NEVER).unwrap();
+        let expected = film::render(&dvr, &frame.camera, Sampling::grid(1), &[], &Cancel::NEVER).unwrap().film;
         // A file does not say how many rays a pixel had.
         let expected = Film { samples: 0, ..expected };
         assert!(exr::read_picture(&frame.picture, None).unwrap() == expected, "{}", frame.picture.display());

@@ -6,8 +6,8 @@ use cumulo::cancel::Cancel;
 use cumulo::formats::exr;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
-use cumulo::render;
 use cumulo::render::dvr::Dvr;
+use cumulo::render::film::{self, Sampling};
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::film::Film;
 use cumulo::scene::medium::Medium;
@@ -30,7 +30,7 @@ pub fn run(volume: &Path, picture: &Path) -> Result<Film> {
     let cameras = orbit::cameras(&field.outline(), 1, Layout::Sphere, 128, 128, 40.0, Up::Z);
     let renderer = Dvr::new(&field, Medium::absorbing(3.0))?.over([1.0; 3]);
     let never = Cancel::NEVER;
-    let film = render::picture(&renderer, &cameras[0], 1, &never).ok_or_else(Error::cancelled)?;
+    let film = film::render(&renderer, &cameras[0], Sampling::grid(1), &[], &never).ok_or_else(Error::cancelled)?.film;
     exr::write_picture(picture, &film, &BTreeMap::new(), false)?;
     Ok(film)
 }

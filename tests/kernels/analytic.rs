@@ -34,7 +34,7 @@ fn slab_along_each_axis() {
             let mut direction = DVec3::ZERO;
             direction[axis] = sign;
             let ray = Ray { origin: DVec3::splat(7.3) - 50.0 * direction, direction };
-            let depth = dvr.integrator.optical_depth(&ray);
+            let depth = dvr.medium.optical_depth(&ray);
             // 15 between the outermost centres, half a voxel of falloff at each end; f32 sums of at
             // most 17 terms within each of 3 bricks.
             assert!((depth - 2.0 * 0.25 * 16.0).abs() < 16.0 * 8.0 * f64::from(f32::EPSILON), "{axis} {sign} {depth}");

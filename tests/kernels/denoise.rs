@@ -4,8 +4,9 @@ use crate::common::fields;
 use cumulo::cancel::Cancel;
 use cumulo::denoise::{Ahead, Denoiser, Estimate, Frame, Lookahead, Method, Settings};
 use cumulo::math::Affine;
-use cumulo::render::aov::Aov;
-use cumulo::render::path::{PathTracer, Sampling, View};
+
+use cumulo::render::film::{self, Aov, Sampling, View};
+use cumulo::render::path::PathTracer;
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::environment::Environment;
 use cumulo::scene::film::Film;
@@ -72,9 +73,10 @@ fn shots(turn: f64, sun_turns: f64, extinction: f64) -> Vec<Shot> {
         let [before, camera, after] = [-1.0, 0.0, 1.0].map(|step| camera(turn * (f64::from(frame) + step)));
         let view = View { camera: &camera, before: Some(&before), after: Some(&after), velocities: &[] };
         let go = Cancel::NEVER;
-        let noisy = tracer.picture(view, Sampling::new(2, frame.into()), &[Aov::Motion], &go).unwrap().film;
+        let noisy = film::render(&tracer, view, Sampling::random(2, frame.into()), &[Aov::Motion], &go).unwrap().film;
         let paths = if frame < LEARNING { 1 } else { 128 };
-        let truth = tracer.picture(&camera, Sampling::new(paths, 1000 + u64::from(frame)), &[], &go).unwrap().film;
+        let truth =
+            film::render(&tracer, &camera, Sampling::random(paths, 1000 + u64::from(frame)), &[], &go).unwrap().film;
         let [x, y, z, w] = ["X", "Y", "Z", "W"].map(|name| noisy.plane(&format!("Vector.{name}")).unwrap());
         let motion = x.iter().zip(y).map(|(right, up)| Vec2::new(*right, -up)).collect();
         let onward = z.iter().zip(w).map(|(left, up)| Vec2::new(-left, *up)).collect();

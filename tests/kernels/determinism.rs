@@ -13,10 +13,10 @@ use cumulo::inverse::observation::photo::Photo;
 use cumulo::inverse::projection::projector::Projector;
 use cumulo::inverse::refinement;
 use cumulo::inverse::region::hull::Hull;
-use cumulo::render;
 use cumulo::render::composited::Composited;
 use cumulo::render::differentiable::Adjoint;
 use cumulo::render::dvr::Dvr;
+use cumulo::render::film::{self, Sampling};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::Camera;
@@ -51,7 +51,7 @@ const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.6), Qu
 
 fn photos(field: &Bricks<f32>, cameras: &[Camera], medium: Medium) -> Vec<Photo> {
     let dvr = Dvr::new(field, medium).unwrap().over([1.0; 3]);
-    let film = |c: &Camera| render::picture(&dvr, c, 1, &Cancel::NEVER).unwrap();
+    let film = |c: &Camera| film::render(&dvr, c, Sampling::grid(1), &[], &Cancel::NEVER).unwrap().film;
     cameras.iter().map(|c| Photo { camera: *c, film: film(c), name: "photo".into(), photograph: false }).collect()
 }
 
@@ -61,7 +61,7 @@ fn pictures() {
     for medium in MEDIA {
         for rule in RULES {
             let dvr = Dvr::new(&field, medium.clone()).unwrap().quadrature(rule).over([1.0; 3]);
-            alike("picture", || render::picture(&dvr, &cameras[2], 2, &Cancel::NEVER));
+            alike("picture", || film::render(&dvr, &cameras[2], Sampling::grid(2), &[], &Cancel::NEVER));
         }
     }
 }
@@ -89,7 +89,7 @@ fn dispatched_kernels_equal_the_scalar_one() {
     for medium in MEDIA {
         for rule in RULES {
             let dvr = Dvr::new(&field, medium.clone()).unwrap().quadrature(rule).over([1.0; 3]);
-            let film = render::picture(&dvr, &cameras[3], 1, &Cancel::NEVER).unwrap();
+            let film = film::render(&dvr, &cameras[3], Sampling::grid(1), &[], &Cancel::NEVER).unwrap().film;
             for (i, pixel) in film.rgba.iter().enumerate() {
                 let ray = cameras[3].ray((i % film.width) as f64 + 0.5, (i / film.width) as f64 + 0.5);
                 let bits = |p: [f32; 4]| p.map(f32::to_bits);
@@ -140,8 +140,9 @@ fn pre_integration() {
         let field = field.clone().filled(1 << 30).unwrap();
         let dvr = Dvr::new(&field, medium).unwrap().quadrature(Quadrature::PREINTEGRATED).over([1.0; 3]);
         let oldest = dvr.clone().with(|dvr| dvr.arch(Arch::oldest()));
-        alike("picture", || render::picture(&dvr, &cameras[2], 2, &Cancel::NEVER));
-        let of = |dvr: &Composited<Dvr<'_, f32>>| render::picture(dvr, &cameras[3], 1, &Cancel::NEVER);
+        alike("picture", || film::render(&dvr, &cameras[2], Sampling::grid(2), &[], &Cancel::NEVER));
+        let of =
+            |dvr: &Composited<Dvr<'_, f32>>| film::render(dvr, &cameras[3], Sampling::grid(1), &[], &Cancel::NEVER);
         assert!(of(&dvr) == of(&oldest), "{transfer:?}");
         let camera = cameras[1];
         let target = Target { camera, rgba: vec![[0.4, 0.5, 0.6, 0.3]; 48 * 40], rays_per_edge: 1 };

@@ -17,8 +17,8 @@ use cumulo::inverse::solver::smoother::Smoother;
 use cumulo::math::{Aabb, Affine};
 use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient};
 use cumulo::render::dvr::{Dvr, Tape};
+use cumulo::render::film::{self, Sampling};
 use cumulo::render::order::Tiles;
-use cumulo::render::picture;
 use cumulo::render::preshaded::Preshaded;
 use cumulo::scene::bricks::{BRICK, Bricks, Topology};
 use cumulo::scene::camera::{Camera, Projection};
@@ -66,7 +66,7 @@ fn photos(field: &Bricks<f32>, cameras: &[Camera], background: [f32; 3]) -> Vec<
     let dvr = Dvr::new(field, Medium::absorbing(1.5)).unwrap().early_stop(0.0).over(background);
     let shoot = |camera: &Camera| Photo {
         camera: *camera,
-        film: picture(&dvr, camera, 1, &Cancel::NEVER).unwrap(),
+        film: film::render(&dvr, camera, Sampling::grid(1), &[], &Cancel::NEVER).unwrap().film,
         name: "view".into(),
         photograph: false,
     };
@@ -581,7 +581,7 @@ fn tiles_are_shared_out() {
         assert!(handed_out.into_iter().eq(all), "each once");
         let way = |picture: usize, tile: usize| -> f64 {
             let ray = |[x, y]: [usize; 2]| cameras[picture].ray(x as f64 + 0.5, y as f64 + 0.5);
-            tiles.pixels(tile).map(|pixel| dvr.integrator.optical_depth(&ray(pixel))).sum()
+            tiles.pixels(tile).map(|pixel| dvr.medium.optical_depth(&ray(pixel))).sum()
         };
         let ways = parts.tiles.iter().map(|tiles| tiles.iter().map(|tile| way(tile.picture, tile.number)).sum());
         let ways: Vec<f64> = ways.collect();

@@ -5,9 +5,10 @@ use crate::common::fields::{self, field, lumps, noise, odd, rays, unit};
 use cumulo::arch::Arch;
 use cumulo::cancel::Cancel;
 use cumulo::math::{Affine, Ray};
-use cumulo::render::aov::Aov;
 use cumulo::render::dvr::Dvr;
-use cumulo::render::path::{Limits, PathTracer, Sampling, Scratch};
+use cumulo::render::film::{self, Aov, Sampling};
+use cumulo::render::integrator::{Integrator, Sample};
+use cumulo::render::path::{Limits, PathTracer, Scratch};
 use cumulo::render::sampler::Sampler;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, Projection};
@@ -31,13 +32,19 @@ type Estimate = [[f64; 2]; 3];
 const GROUPS: u32 = 256;
 
 /// Estimates the radiance along a ray from groups of `paths`.
+/// One path along a camera's ray.
+fn sample(tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Sample {
+    let primary = tracer.primary(ray, scratch);
+    tracer.li(ray, &primary, sampler, scratch)
+}
+
 fn estimate(tracer: &PathTracer<'_>, ray: &Ray, paths: u32) -> Estimate {
     let (mut scratch, mut moments) = (Scratch::default(), [Moments::default(); 3]);
     for group in 0..GROUPS {
         let mut sum = Vec3::ZERO;
         for path in 0..paths {
             let mut sampler = Sampler::new(u64::from(group), [3, 4], path);
-            sum += tracer.sample(ray, &mut sampler, &mut scratch).radiance();
+            sum += sample(tracer, ray, &mut sampler, &mut scratch).radiance();
         }
         let mean = sum / paths as f32;
         moments.iter_mut().zip(mean.to_array()).for_each(|(m, v)| m.add(v.into()));
@@ -270,7 +277,7 @@ fn a_white_furnace_stays_white() {
                 let mut sum = Vec3::ZERO;
                 for path in 0..paths {
                     let mut sampler = Sampler::new(1, [k, 0], path);
-                    sum += tracer.sample(ray, &mut sampler, &mut scratch).radiance() / paths as f32;
+                    sum += sample(&tracer, ray, &mut sampler, &mut scratch).radiance() / paths as f32;
                 }
                 // What is not scattered is computed, and what is returns unchanged: nothing is noisy.
                 for (found, expected) in sum.to_array().into_iter().zip([0.7, 1.0, 2.0]) {
@@ -532,16 +539,16 @@ fn camera(field: &Bricks<f32>, size: u32) -> Camera {
 fn pictures_depend_on_seed_and_pixel_alone() {
     let field = lumpy(unit());
     let scene = busy(&field);
-    let (camera, go, sampling) = (camera(&field, 24), Cancel::NEVER, Sampling::new(8, 5));
+    let (camera, go, sampling) = (camera(&field, 24), Cancel::NEVER, Sampling::random(8, 5));
     let picture = |threads: usize, arch: Arch, camera: &Camera, sampling| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let tracer = PathTracer::new(&scene).unwrap().arch(arch);
-        pool.install(|| tracer.picture(camera, sampling, &[], &go)).unwrap().film
+        pool.install(|| film::render(&tracer, camera, sampling, &[], &go)).unwrap().film
     };
     let one = picture(1, Arch::default(), &camera, sampling);
     assert!(one.rgba.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
     assert_eq!(one, picture(7, Arch::default(), &camera, sampling));
-    assert_ne!(one, picture(7, Arch::default(), &camera, Sampling { seed: 6, ..sampling }));
+    assert_ne!(one, picture(7, Arch::default(), &camera, Sampling::random(8, 6)));
     let upper = Camera { height: 10, ..camera };
     assert_eq!(one.rgba[..240], picture(3, Arch::default(), &upper, sampling).rgba);
 }
@@ -558,7 +565,9 @@ fn halves_are_independent_and_variances_those_of_means() {
     let never = Cancel::NEVER;
     for paths in [4, 16, 64, 256] {
         let picture = |seed| {
-            tracer.picture(&camera, Sampling::new(paths, seed), &[Aov::Variance, Aov::Halves], &never).unwrap().film
+            film::render(&tracer, &camera, Sampling::random(paths, seed), &[Aov::Variance, Aov::Halves], &never)
+                .unwrap()
+                .film
         };
         let films: Vec<Film> = (0..SEEDS).map(picture).collect();
         // Sums over pixels and channels: of the variances over seeds, those stated, and of halves with one another.
@@ -629,7 +638,7 @@ fn hard_cases_stay_finite() {
             ..outside
         };
         for camera in [outside, inside] {
-            let found = tracer.picture(&camera, Sampling::new(4, 1), &[], &go).unwrap();
+            let found = film::render(&tracer, &camera, Sampling::random(4, 1), &[], &go).unwrap();
             assert!(found.film.rgba.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{name}");
             assert_eq!((found.counts.violations, found.counts.impossible), (0, 0), "{name}");
         }

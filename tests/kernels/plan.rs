@@ -4,8 +4,9 @@ use crate::common::fields::{field, lumps, unit};
 use crate::common::scenes::{Draw, EDGE};
 use cumulo::cancel::Cancel;
 use cumulo::plan::{Effect, Integrator, Plan, Request, State};
-use cumulo::render::any_renderer::AnyRenderer;
-use cumulo::render::path::{Limits, PathTracer, Sampling};
+use cumulo::render::direct::DirectRenderer;
+use cumulo::render::film::{self, Sampling};
+use cumulo::render::path::{Limits, PathTracer};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::environment::Environment;
 use cumulo::scene::film::Film;
@@ -27,7 +28,11 @@ fn picture(
     let never = Cancel::NEVER;
     let camera = &scene.cameras[0];
     if integrator == Integrator::DirectVolumeRendering {
-        let film = AnyRenderer::new(scene, Quadrature::Exact).unwrap().picture(camera, 12, &never).unwrap();
+        let film = DirectRenderer::new(scene, Quadrature::Exact)
+            .unwrap()
+            .render(camera, Sampling::grid(12), &[], &never)
+            .unwrap()
+            .film;
         return film.rgba.iter().flat_map(|v| v[..3].to_vec()).map(|v| [v.into(), 0.0]).collect();
     }
     let tracer = PathTracer::new(scene).unwrap().limits(limits);
@@ -38,8 +43,8 @@ fn picture(
     // Pictures of different seeds are independent, the paths of one are not.
     let groups: Vec<Film> = (0..16)
         .map(|group| {
-            let sampling = Sampling::new(32, 1000 * seed + group);
-            tracer.picture(camera, sampling, &[], &never).unwrap().film
+            let sampling = Sampling::random(32, 1000 * seed + group);
+            film::render(&tracer, camera, sampling, &[], &never).unwrap().film
         })
         .collect();
     let values = |pixel: usize, c: usize| groups.iter().map(move |film| f64::from(film.rgba[pixel][c]));

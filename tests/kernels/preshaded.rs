@@ -334,7 +334,7 @@ fn what_else_is_asked_for_changes_nothing() {
             Accumulators { voxels: Some(&mut by_value[..]), table: None, ray: Some(&mut by_ray), shared: &mut shared };
         assert_eq!(renderer.vjp(&ray, &mut |_| WEIGHTS, Adjoint::Tape, sinks, &mut tape), seen);
         assert_eq!((by_ray, shared.background), followed(&volume, &ray));
-        renderer.integrator.trace(&ray, &mut tape);
+        renderer.medium.trace(&ray, &mut tape);
         tape.accumulate([WEIGHTS[0], WEIGHTS[1], WEIGHTS[2]], &mut by_tape);
         for (a, b) in by_tape.iter().zip(&by_value) {
             assert!((a.truncate() - b.truncate()).abs().max_element() < 1e-14, "{a} {b}");

@@ -65,7 +65,7 @@ struct Found<R: Real> {
 }
 
 fn back<R: Real>(renderer: &Composited<Preshaded<'_, R>>, ray: &Ray, weights: [f64; 4], adjoint: Adjoint) -> Found<R> {
-    let mut values = vec![R::Lanes::default(); renderer.integrator.field().values.len()];
+    let mut values = vec![R::Lanes::default(); renderer.medium.field().values.len()];
     let (mut by_ray, mut shared) = (RayGradient::default(), ParameterGradient::default());
     let sinks =
         Accumulators { voxels: Some(&mut values[..]), table: None, ray: Some(&mut by_ray), shared: &mut shared };

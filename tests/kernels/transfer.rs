@@ -604,7 +604,7 @@ fn preintegrated_depths_of_linear_densities_are_exact() {
     let identity = Transfer::Identity { domain: [0.0, 5.0], color: [0.3, 0.6, 0.9] };
     let mut linear: Bricks<f64> = field(16, unit(), |p| 0.2 + 0.1 * p.x + 0.05 * p.y + 0.02 * p.z);
     linear.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(15.0) };
-    let depth = |f: &Bricks<f64>, rule, ray: &Ray| dvr(f, medium(&identity, 0.7), rule).integrator.optical_depth(ray);
+    let depth = |f: &Bricks<f64>, rule, ray: &Ray| dvr(f, medium(&identity, 0.7), rule).medium.optical_depth(ray);
     for ray in rays(linear.world_bounds(), 30, 8) {
         let both = [Quadrature::PREINTEGRATED, Quadrature::Exact].map(|rule| depth(&linear, rule, &ray));
         close("depth", both[0], both[1], 1e-7, 1e-3);
@@ -690,7 +690,7 @@ fn nothing_is_missed_between_samples() {
     };
     for width in [1e-1, 1e-3, 1e-6] {
         // Its area in density is 2; a unit of density is 15 units of length; then a lone voxel's fade.
-        let seen = dvr(&f, medium(&spike(width), 0.1), Quadrature::Exact).integrator.optical_depth(&ray);
+        let seen = dvr(&f, medium(&spike(width), 0.1), Quadrature::Exact).medium.optical_depth(&ray);
         let expected = 0.1 * 2.0 * 15.0 + 0.1 * 2.0;
         close("depth", seen, expected, 1e-6, 1.0);
     }
@@ -754,7 +754,7 @@ fn replay_of_long_rays_is_the_tape() {
     assert!(tape == replay);
     // The longest one again, ending behind what replay keeps.
     let ray = rays[rays.len() - 1];
-    let depth = dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).integrator.optical_depth(&ray);
+    let depth = dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).medium.optical_depth(&ray);
     let by = |adjoint, depth: f64| {
         let dvr = dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).with(|dvr| dvr.early_stop((-depth).exp()));
         let (mut voxels, mut shared) = (vec![0.0; f.values.len()], ParameterGradient::default());

@@ -5,8 +5,8 @@ use crate::alone::alone;
 use crate::common::scenes::Draw;
 use cumulo::cancel::Cancel;
 use cumulo::plan::{Plan, Request};
-use cumulo::render::aov::Aov;
-use cumulo::render::path::{Limits, PathTracer, Sampling};
+use cumulo::render::film::{self, Aov, Sampling};
+use cumulo::render::path::{Limits, PathTracer};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
@@ -41,7 +41,7 @@ fn hard_scenes_stay_finite() {
         let scene = plan.simplify(scene).unwrap();
         let limits = Limits { max_bounces: plan.limits.max_bounces.min(200) };
         let tracer = PathTracer::new(&scene).unwrap().limits(limits);
-        let picture = tracer.picture(&scene.cameras[0], Sampling::new(8, number), &AOVS, &never).unwrap();
+        let picture = film::render(&tracer, &scene.cameras[0], Sampling::random(8, number), &AOVS, &never).unwrap();
         let values = picture.film.rgba.iter().flatten();
         assert!(values.clone().all(|v| v.is_finite() && *v >= 0.0), "scene {number}: {:?}", picture.film.rgba);
         for plane in &picture.film.planes {

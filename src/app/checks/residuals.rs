@@ -9,8 +9,8 @@ use crate::app::checks::excerpt::{Excerpt, pairs};
 use crate::cancel::Cancel;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
-use crate::render::pixel;
-use crate::render::tiles::{self, Subpixels};
+use crate::render::film::Subpixels;
+use crate::render::tiles;
 
 /// Views that are looked at.
 const VIEWS: usize = 16;
@@ -71,7 +71,7 @@ impl Residuals {
     ) -> Self {
         let camera = &excerpt.camera;
         let [w, h] = [camera.width, camera.height].map(|n| n as usize);
-        let mut render_pixel = |x: usize, y: usize| pixel(renderer, camera, rays, [x, y], tape);
+        let mut render_pixel = |x: usize, y: usize| renderer.mean(camera, rays, [x, y], tape);
         let mut own = Self::default();
         let mean = |p: &[f32; 4]| f64::from(p[0] + p[1] + p[2]) / 3.0;
         for first in pairs(w, h) {

@@ -10,8 +10,8 @@ use crate::formats::sequence::Pattern;
 use crate::formats::usd::{self, Overrides, Stage};
 use crate::formats::vdb::{File, velocity};
 use crate::formats::{self, Format, captures};
-use crate::render::aov::Aov;
-use crate::render::path::{PathTracer, Sampling, View};
+use crate::render::film::{self, Aov, Sampling, View};
+use crate::render::path::PathTracer;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Model};
 use crate::scene::film::Film;
@@ -123,9 +123,9 @@ impl Tracing {
         let [before, camera, after] = &self.cameras[at];
         let tracer = PathTracer::new(scene)?.background([0.0; 3]);
         let view = View { camera, before: Some(before), after: Some(after), velocities: &scene.velocities };
-        let sampling = Sampling::new(self.choices.samples.unwrap_or(SAMPLES), number.into());
-        let picture = tracer.picture(view, sampling, &[Aov::Motion], cancel).ok_or_else(Error::cancelled)?;
-        Ok(picture.film)
+        let sampling = Sampling::random(self.choices.samples.unwrap_or(SAMPLES), number.into());
+        let rendered = film::render(&tracer, view, sampling, &[Aov::Motion], cancel);
+        Ok(rendered.ok_or_else(Error::cancelled)?.film)
     }
 
     /// Returns a scene in which nothing shines: rays end where they first meet a volume. Also returns whether other

@@ -3,23 +3,20 @@
 use super::settings::PictureSettings;
 use crate::error::Result;
 use crate::plan::{Effect, Integrator, Plan, Request, State};
-use crate::render::any_renderer::AnyRenderer;
+use crate::render::direct::DirectRenderer;
+use crate::render::film::Sampling;
 use crate::render::path::PathTracer;
 use crate::render::quadrature::Quadrature;
+use crate::render::renderer::Renderer;
 use crate::scene::scene::Scene;
 use std::fmt;
 
-/// The renderer of a scene.
-pub(in crate::app) enum Renderer<'a> {
-    /// Along straight rays.
-    Dvr {
-        /// Renderer.
-        dvr: AnyRenderer<'a>,
-        /// Rays along each edge of a pixel.
-        rays_per_edge: usize,
-    },
-    /// Along paths.
-    Paths(PathTracer<'a>),
+/// The renderer of a scene, with the rays of its pictures.
+pub(in crate::app) struct SceneRenderer<'a> {
+    /// Renderer.
+    pub renderer: Renderer<'a>,
+    /// Straight rays along each edge of a pixel.
+    rays_per_edge: usize,
 }
 
 impl PictureSettings {
@@ -56,21 +53,37 @@ impl PictureSettings {
         plan: Option<&Plan>,
         scene: &'a Scene,
         paths: bool,
-    ) -> Result<Renderer<'a>> {
-        let Some(plan) = plan.filter(|plan| plan.integrator == Integrator::PathTracing) else {
-            let dvr = AnyRenderer::new(scene, self.quadrature(scene))?.early_stop(self.early_stop);
-            return Ok(Renderer::Dvr { dvr, rays_per_edge: self.rays_per_edge(paths) });
+    ) -> Result<SceneRenderer<'a>> {
+        let renderer = match plan.filter(|plan| plan.integrator == Integrator::PathTracing) {
+            Some(plan) => {
+                let tracer = PathTracer::new(scene)?.limits(plan.limits);
+                Renderer::Paths(match plan.background {
+                    Some(background) => tracer.background(background),
+                    None => tracer,
+                })
+            }
+            None => {
+                let direct = DirectRenderer::new(scene, self.quadrature(scene))?;
+                Renderer::Direct(direct.early_stop(self.early_stop))
+            }
         };
-        let tracer = PathTracer::new(scene)?.limits(plan.limits);
-        Ok(Renderer::Paths(match plan.background {
-            Some(background) => tracer.background(background),
-            None => tracer,
-        }))
+        Ok(SceneRenderer { renderer, rays_per_edge: self.rays_per_edge(paths) })
+    }
+
+    /// Returns the rays of a picture, a view or a frame, by its number.
+    pub(in crate::app) fn sampling(&self, renderer: &SceneRenderer<'_>, number: usize) -> Sampling {
+        match renderer.renderer {
+            Renderer::Direct(_) => Sampling::grid(renderer.rays_per_edge),
+            Renderer::Paths(_) => {
+                let origin = self.crop.map_or([0; 2], |window| window.origin);
+                self.scattering.sampling(number).within(origin)
+            }
+        }
     }
 
     /// Returns the quadrature along straight rays.
     pub(crate) fn quadrature(&self, scene: &Scene) -> Quadrature {
-        self.quadrature.unwrap_or_else(|| AnyRenderer::usual_quadrature(scene))
+        self.quadrature.unwrap_or_else(|| DirectRenderer::usual_quadrature(scene))
     }
 
     /// Returns the rays along each edge of a pixel. A picture that was to be made of paths, of which none is called

@@ -5,7 +5,9 @@ use crate::error::{Error, Result};
 use crate::formats::limits::Limits as FileLimits;
 use crate::formats::scene_file::environment_map;
 use crate::formats::usd::ScatteringOverride;
-use crate::render::path::{Counts, Limits, Sampling};
+use crate::render::film::Sampling;
+use crate::render::integrator::Counts;
+use crate::render::path::Limits;
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
 use crate::scene::medium::Scattering;
@@ -207,8 +209,8 @@ impl ScatteringSettings {
 
     /// Returns the paths of a view.
     pub fn sampling(&self, view: usize) -> Sampling {
-        let sampling = Sampling::new(self.samples(), self.seed.unwrap_or(0) ^ (view as u64) << 32);
-        Sampling { clamp: self.clamp.map(|most| most as f32), ..sampling }
+        Sampling::random(self.samples(), self.seed.unwrap_or(0) ^ (view as u64) << 32)
+            .clamped(self.clamp.map(|most| most as f32))
     }
 
     /// Returns the settings as the capture's record of how its pictures were made.
@@ -228,7 +230,7 @@ impl ScatteringSettings {
                 "angle_degrees": self.sun_angle,
             })),
             "samples": self.samples(),
-            "seed": self.sampling(0).seed,
+            "seed": self.seed.unwrap_or(0),
             "max_bounces": self.max_bounces,
             "clamp": self.clamp,
         })

@@ -21,7 +21,7 @@ use crate::inverse::pose::colors::Colors;
 use crate::inverse::pose::pyramid::levels;
 use crate::inverse::pose::search::{PoseEstimate, Request, UNEXPLAINED, solve};
 use crate::math::Aabb;
-use crate::render::any_renderer::AnyRenderer;
+use crate::render::direct::DirectRenderer;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -208,8 +208,8 @@ impl PoseSettings {
         let centre = self.centre(&grids.density_or_extinction())?;
         let targets = self.targets(photos, &shown)?;
         let scene = Scene::shown_by(&shown, grids).map_err(|e| e.at(&self.volume))?;
-        let quadrature = self.quadrature.unwrap_or_else(|| AnyRenderer::usual_quadrature(&scene));
-        let renderer = AnyRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.volume))?;
+        let quadrature = self.quadrature.unwrap_or_else(|| DirectRenderer::usual_quadrature(&scene));
+        let renderer = DirectRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.volume))?;
         let Search { poses, seconds } = self.search(&renderer, &shown, &targets, centre, &task)?;
         let stopped = task.flow().is_break();
         task.provenance.lap();
@@ -249,7 +249,7 @@ impl PoseSettings {
     /// Moves the cameras of the targets until what they see is their pictures, or the user stops the search.
     fn search(
         &self,
-        renderer: &AnyRenderer<'_>,
+        renderer: &DirectRenderer<'_>,
         shown: &Capture,
         targets: &[Target],
         centre: DVec3,
@@ -257,12 +257,12 @@ impl PoseSettings {
     ) -> Result<Search> {
         let (colors, reference) = match renderer {
             // Pictures are what has no error, until somebody says something else.
-            AnyRenderer::Density(dvr) => {
+            DirectRenderer::Density(dvr) => {
                 let has_reference = self.quadrature.is_none() && shown.transfer.is_some();
                 let exact = || dvr.clone().with(|dvr| dvr.quadrature(Quadrature::Exact));
                 (Colors::from_medium(&shown.medium()?, shown.background), has_reference.then(exact))
             }
-            AnyRenderer::PreShaded(_) => (Colors::apart(), None),
+            DirectRenderer::PreShaded(_) => (Colors::apart(), None),
         };
         let request = Request { colors: &colors, centre, iterations: self.iterations, solve_focal: self.solve_focal };
         let searches = |t: &Target| (levels(&t.camera) + 1 + usize::from(reference.is_some())) as u64;
@@ -271,8 +271,8 @@ impl PoseSettings {
         let begun = Instant::now();
         let tick = || bar.inc(1);
         let poses = match renderer {
-            AnyRenderer::Density(dvr) => solve(dvr, reference.as_ref(), targets, &request, &task.stop(), &tick),
-            AnyRenderer::PreShaded(volume) => solve(volume, None, targets, &request, &task.stop(), &tick),
+            DirectRenderer::Density(dvr) => solve(dvr, reference.as_ref(), targets, &request, &task.stop(), &tick),
+            DirectRenderer::PreShaded(volume) => solve(volume, None, targets, &request, &task.stop(), &tick),
         };
         let seconds = begun.elapsed().as_secs_f64();
         drop(bar);

@@ -6,7 +6,8 @@ use crate::cancel::Cancel;
 use crate::differentiate::gradient::pictures::Target;
 use crate::error::Result;
 use crate::metrics;
-use crate::render::any_renderer::AnyRenderer;
+use crate::render::direct::DirectRenderer;
+use crate::render::film::Sampling;
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::capture::Capture;
 use crate::scene::film::Film;
@@ -17,7 +18,7 @@ pub(crate) fn page(
     report: &PoseReport,
     solved: &Capture,
     targets: &[Target],
-    renderer: &AnyRenderer<'_>,
+    renderer: &DirectRenderer<'_>,
     provenance: &Provenance,
     cancel: &Cancel,
 ) -> Result<Page> {
@@ -61,7 +62,9 @@ pub(crate) fn page(
         .take_while(|_| !cancel.requested())
         .map(|i| {
             let (frame, target) = (&solved.frames[i], &targets[i]);
-            let Some(render) = renderer.picture(&frame.camera, target.rays_per_edge, cancel) else { return Ok(None) };
+            let sampling = Sampling::grid(target.rays_per_edge);
+            let Some(rendered) = renderer.render(&frame.camera, sampling, &[], cancel) else { return Ok(None) };
+            let render = rendered.film;
             let picture = Film::of(render.width, render.height, target.rgba.clone());
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
             Ok(Some(ViewRow {

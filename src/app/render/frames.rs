@@ -22,7 +22,8 @@ use crate::formats::atomic::Batch;
 use crate::formats::png::ToneMapping;
 use crate::formats::sequence::{self, Pattern};
 use crate::formats::vdb::{File, velocity};
-use crate::render::path::{Counts, View};
+use crate::render::film::{Rendered, View, bytes_per_pixel};
+use crate::render::integrator::Counts;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
 use serde::Serialize;
@@ -353,7 +354,7 @@ impl Sequence<'_> {
         }
         let picture = self.target.picture(&format!("frame.{number:04}.exr"));
         capture.frames = vec![Frame { camera: self.camera(place), picture }];
-        fits(&capture, self.render.plane_bytes(paths), limits.max_memory)?;
+        fits(&capture, bytes_per_pixel(&self.render.aov), limits.max_memory)?;
         self.render.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
         let scales = DensityScales::of(&subject, capture.density_scale);
@@ -388,7 +389,7 @@ impl Sequence<'_> {
         let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
         let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
         let rendered = self.render.film(&renderer, number as usize, view, &self.cancel, progress);
-        let (film, counts) = rendered.ok_or_else(Error::cancelled)?;
+        let Rendered { film, counts } = rendered.ok_or_else(Error::cancelled)?;
         self.visibility.add(&film);
         self.inputs.extend(shot.provenance.inputs.clone());
         let mut attributes = shot.provenance.attributes();

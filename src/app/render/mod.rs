@@ -13,7 +13,7 @@ use crate::app::Context;
 use crate::app::context::Picture;
 use crate::app::inputs;
 use crate::app::outputs;
-use crate::app::pictures::renderer::{Chosen, LeftOut, Renderer};
+use crate::app::pictures::renderer::{Chosen, LeftOut, SceneRenderer};
 use crate::app::pictures::scales::DensityScales;
 use crate::app::pictures::scattering::{Paths, ScatteringSettings};
 use crate::app::pictures::subject::Subject;
@@ -31,12 +31,12 @@ use crate::formats::sequence::Frames;
 use crate::formats::transforms::{self, FILE_NAME};
 use crate::ordered;
 use crate::plan::Plan;
-use crate::render::aov::{self, Aov};
-use crate::render::path::{self, Counts, Sampling, View};
+use crate::render::film::{Aov, Rendered, View, bytes_per_pixel};
+use crate::render::integrator::Counts;
+use crate::render::renderer::Renderer;
 use crate::render::tiles::Watch;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame, Model};
-use crate::scene::film::Film;
 use crate::scene::scene::Scene;
 use crate::wording::all_worded;
 use rayon::prelude::*;
@@ -284,7 +284,7 @@ impl RenderSettings {
         up.iter().for_each(|up| context.note(up));
         let place = |name: &str| target.picture(name);
         let capture = pictures.capture(place, &subject, transfer, template.as_ref(), Cameras::around(up.as_ref()))?;
-        fits(&capture, self.plane_bytes(paths), limits.max_memory)?;
+        fits(&capture, bytes_per_pixel(&self.aov), limits.max_memory)?;
         self.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
         self.refuse_overwrite(target, &capture, &provenance)?;
@@ -357,7 +357,7 @@ impl RenderSettings {
     /// Renders views, given with their numbers and the files that each is written to.
     fn views(
         &self,
-        renderer: &Renderer<'_>,
+        renderer: &SceneRenderer<'_>,
         views: &[((&usize, &Camera), &Vec<PathBuf>)],
         (whole, cancel): (Option<[usize; 2]>, &Cancel),
         provenance: &Provenance,
@@ -368,8 +368,8 @@ impl RenderSettings {
         let attributes = provenance.attributes();
         let view = |((number, camera), files): &((&usize, &Camera), &Vec<PathBuf>)| {
             let picture = bar.picture();
-            let (film, counts) =
-                self.film(renderer, **number, (*camera).into(), cancel, &picture).ok_or_else(Error::cancelled)?;
+            let rendered = self.film(renderer, **number, (*camera).into(), cancel, &picture);
+            let Rendered { film, counts } = rendered.ok_or_else(Error::cancelled)?;
             visibility.add(&film);
             files.iter().try_for_each(|file| self.write_picture(file, &film, &attributes, whole))?;
             Ok(counts)
@@ -389,20 +389,10 @@ impl RenderSettings {
         Ok((plan.simplify(scene)?, Some(plan)))
     }
 
-    /// Returns the bytes a pixel of further planes as they are rendered, as they are kept and as they are written.
-    fn plane_bytes(&self, paths: bool) -> u64 {
-        match paths {
-            true if self.aov.contains(&Aov::Variance) => path::PIXEL_BYTES + path::VARIANCE_BYTES + 2 * 4 * 30,
-            true => path::PIXEL_BYTES + 2 * 4 * 30,
-            false if self.aov.is_empty() => 0,
-            false => aov::PIXEL_BYTES + 2 * 4 * 5,
-        }
-    }
-
     /// Returns how light was integrated, with the events that were counted.
-    fn integration(&self, renderer: &Renderer<'_>, scene: &Scene, counts: Counts) -> Integration {
-        match renderer {
-            Renderer::Dvr { dvr, .. } => Integration::Dvr {
+    fn integration(&self, renderer: &SceneRenderer<'_>, scene: &Scene, counts: Counts) -> Integration {
+        match &renderer.renderer {
+            Renderer::Direct(dvr) => Integration::Dvr {
                 quadrature: self.pictures.quadrature(scene).to_string(),
                 quadrature_error_bound: dvr.quadrature_error(),
                 early_stop: EarlyStop { transmittance: self.pictures.early_stop, error_bound: dvr.left_out() },
@@ -440,30 +430,17 @@ impl RenderSettings {
     /// Renders a view, or a frame, of that number, and counts its pixels. Returns `None` if `cancel` was set.
     fn film(
         &self,
-        renderer: &Renderer<'_>,
+        renderer: &SceneRenderer<'_>,
         number: usize,
         view: View<'_>,
         cancel: &Cancel,
         progress: &Picture<'_>,
-    ) -> Option<(Film, Counts)> {
+    ) -> Option<Rendered> {
         let all = u64::from(view.camera.width) * u64::from(view.camera.height);
         let done = |pixels| progress.add(pixels, all);
         let watch = Watch { cancel, done: Some(&done) };
-        match (renderer, &self.aov[..]) {
-            (Renderer::Paths(paths), aovs) => {
-                let origin = self.pictures.crop.map_or([0; 2], |window| window.origin);
-                let sampling = Sampling { origin, ..self.pictures.scattering.sampling(number) };
-                let picture = paths.picture(view, sampling, aovs, watch)?;
-                Some((picture.film, picture.counts))
-            }
-            (Renderer::Dvr { dvr, rays_per_edge }, aovs) => {
-                let film = match aovs {
-                    [] => dvr.picture(view.camera, *rays_per_edge, watch),
-                    aovs => dvr.picture_with(view.camera, *rays_per_edge, aovs, watch),
-                };
-                Some((film?, Counts::default()))
-            }
-        }
+        let sampling = self.pictures.sampling(renderer, number);
+        renderer.renderer.render(view, sampling, &self.aov, watch)
     }
 
     /// Makes sure that the outputs replace neither inputs nor files that other settings wrote.

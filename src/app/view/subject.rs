@@ -9,9 +9,10 @@ use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer;
 use crate::formats::vdb::{GridInfo, NativeGrid};
-use crate::render::any_renderer::AnyRenderer;
+use crate::render::direct::DirectRenderer;
 use crate::render::dvr::Dvr;
-use crate::render::integrator::Integrator;
+use crate::render::emission_absorption::EmissionAbsorption;
+use crate::render::film::Sampling;
 use crate::render::quadrature::Quadrature;
 use crate::render::{scale, tiles};
 use crate::scene::bricks::{Bricks, too_large};
@@ -111,7 +112,7 @@ impl Subject {
         let rows: Vec<usize> = (0..PROBES).collect();
         let row = |scratch: &mut _, y: &usize| {
             let ray = |x: usize| camera.ray(place(x, camera.width), place(*y, camera.height));
-            (0..PROBES).map(|x| dvr.li(&ray(x), scratch).depth).collect::<Vec<f64>>()
+            (0..PROBES).map(|x| dvr.integrate(&ray(x), scratch).depth).collect::<Vec<f64>>()
         };
         tiles::map(&rows, &Cancel::NEVER, Default::default, row).map(|rows| rows.concat())
     }
@@ -137,8 +138,9 @@ impl Subject {
             environment: Environment::constant(if shines { [0.0; 3] } else { [1.0; 3] }),
             ..Scene::default()
         };
-        let renderer = AnyRenderer::new(&scene, quadrature)?.early_stop(EARLY_STOP);
-        renderer.picture(camera, RAYS, cancel).ok_or_else(Error::cancelled)
+        let renderer = DirectRenderer::new(&scene, quadrature)?.early_stop(EARLY_STOP);
+        let rendered = renderer.render(camera, Sampling::grid(RAYS), &[], cancel);
+        Ok(rendered.ok_or_else(Error::cancelled)?.film)
     }
 }
 

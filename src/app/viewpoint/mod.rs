@@ -22,6 +22,7 @@ use crate::formats::{exr, protected, transforms};
 use crate::inverse::viewpoint::{self, Outcome, Request};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
+use crate::render::film::{self, Sampling};
 use crate::render::quadrature::Quadrature;
 use crate::render::scale;
 use crate::scene::bricks::Bricks;
@@ -426,10 +427,11 @@ impl ViewpointSettings {
         let attributes = provenance.attributes();
         let (mut best, mut whole) = (None, true);
         for frame in &capture.frames[..rendered.min(capture.frames.len())] {
-            let Some(film) = crate::render::picture(&dvr, &frame.camera, 1, &closing) else {
+            let Some(rendered) = film::render(&dvr, &frame.camera, Sampling::grid(1), &[], &closing) else {
                 whole = false;
                 break;
             };
+            let film = rendered.film;
             if self.pictures.is_some() {
                 exr::write_picture(&batch.add(&frame.picture)?, &film, &attributes, false)?;
             }

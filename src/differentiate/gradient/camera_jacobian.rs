@@ -4,8 +4,9 @@ use crate::cancel::Cancel;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
 use crate::render::differentiable::RayGradient;
+use crate::render::film::Subpixels;
 use crate::render::order::morton;
-use crate::render::tiles::{self, Subpixels};
+use crate::render::tiles;
 use crate::scene::camera::{Camera, CameraGradient};
 use std::ops::Range;
 

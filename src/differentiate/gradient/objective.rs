@@ -9,7 +9,8 @@ use crate::real::Real;
 use crate::render::composited::{Composited, Pixel};
 use crate::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient, Seeds};
 use crate::render::differentiable::{Differentiable, Forward};
-use crate::render::tiles::{self, Subpixels};
+use crate::render::film::Subpixels;
+use crate::render::tiles;
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
 use rayon::prelude::*;
@@ -105,7 +106,7 @@ impl Objective<'_> {
     ) -> Gradient<I::Voxel> {
         let zero = || Gradient {
             voxels: if active.voxels {
-                vec![I::Voxel::default(); renderer.integrator.field().values.len()]
+                vec![I::Voxel::default(); renderer.medium.field().values.len()]
             } else {
                 Vec::new()
             },

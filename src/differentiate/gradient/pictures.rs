@@ -6,10 +6,10 @@ use crate::differentiate::gradient::partition::{MOST_PARTITIONS, Partitions, Par
 use crate::render::composited::{self, Composited};
 use crate::render::differentiable::Differentiable;
 use crate::render::differentiable::{self, Adjoint, ParameterGradient, RayGradient};
-use crate::render::integrator::Integrator;
+use crate::render::emission_absorption::EmissionAbsorption;
+use crate::render::film::{self, Sampling, Subpixels};
 use crate::render::order::Tiles;
-use crate::render::pixel;
-use crate::render::tiles::{self, Subpixels};
+use crate::render::tiles;
 use crate::scene::bricks::{BRICK, Bricks, Voxel};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
@@ -63,7 +63,7 @@ struct Partition<V, T> {
 }
 
 /// Number of a partition, its voxel gradient if requested, and its tape.
-type Work<'l, I> = (usize, Option<&'l mut [<I as Differentiable>::Voxel]>, &'l mut <I as Integrator>::Scratch);
+type Work<'l, I> = (usize, Option<&'l mut [<I as Differentiable>::Voxel]>, &'l mut <I as EmissionAbsorption>::Scratch);
 
 /// Sums of one partition.
 struct Sums<'v, V> {
@@ -86,7 +86,7 @@ pub fn gradient<I: Differentiable<Real = f32>>(
     accumulators: &mut Workspace<I::Voxel, I::Scratch>,
     gradients: &mut Gradients<'_, I::Voxel>,
 ) -> (f64, ParameterGradient) {
-    let (field, lookups) = (renderer.integrator.field(), renderer.integrator.lookups(gradients.table.is_some()));
+    let (field, lookups) = (renderer.medium.field(), renderer.medium.lookups(gradients.table.is_some()));
     let count = partition_count(field, &lookups, targets, gradients.voxels.is_some());
     let Gradients { voxels, table, cameras, step, cancel } = gradients;
     let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
@@ -260,7 +260,7 @@ impl<I: Differentiable<Real = f32>> Run<'_, '_, I> {
                 self.ray(rays.position([x, y], 0), &mut |rendered| loss(&rendered.rgba()));
                 continue;
             }
-            let mean = pixel(self.renderer, camera, rays, [x, y], self.tape);
+            let mean = self.renderer.mean(camera, rays, [x, y], self.tape);
             let cotangent = loss(&mean).map(|g| share * g);
             rays.positions([x, y]).for_each(|position| self.ray(position, &mut |_| cotangent));
         }
@@ -272,11 +272,13 @@ impl<I: Differentiable<Real = f32>> Run<'_, '_, I> {
 /// cancelled.
 pub fn error(renderer: &Composited<impl Differentiable<Real = f32>>, targets: &[&Target], cancel: &Cancel) -> f64 {
     let squared_error = |t: &&Target| -> f64 {
-        let Some(film) = crate::render::picture(renderer, &t.camera, t.rays_per_edge, cancel) else {
+        let sampling = Sampling::grid(t.rays_per_edge);
+        let Some(rendered) = film::render(renderer, &t.camera, sampling, &[], cancel) else {
             return f64::INFINITY;
         };
         let square = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
-        let compared = film.rgba.iter().zip(&t.rgba).filter(|(_, target)| target.iter().all(|v| v.is_finite()));
+        let compared =
+            rendered.film.rgba.iter().zip(&t.rgba).filter(|(_, target)| target.iter().all(|v| v.is_finite()));
         compared.map(square).sum()
     };
     targets.iter().map(squared_error).sum()

@@ -62,11 +62,11 @@ pub fn confidence<I>(
 where
     I: Differentiable<Real = f32, Voxel: Subject>,
 {
-    let topology = &renderer.integrator.field().topology;
+    let topology = &renderer.medium.field().topology;
     let count = topology.len() * LEAF_VOXELS;
     let mut squares = vec![vec![0.0_f32; count]; groups.len()];
     let mut owned = vec![I::Voxel::default(); count];
-    let mut stored = vec![I::Voxel::default(); renderer.integrator.field().values.len()];
+    let mut stored = vec![I::Voxel::default(); renderer.medium.field().values.len()];
     let mut accumulators = Workspace::default();
     let linear = |_: &[f32; 4], signs: &[f32; 4]| (0.0, *signs);
     let probes = (PROBE_VIEWS / views.len().max(1)).clamp(PROBES[0], PROBES[1]);

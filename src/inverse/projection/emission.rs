@@ -253,7 +253,7 @@ impl<F: Fn(&Pixel, [f64; 3]) -> ([f32; 3], [f64; 2])> pulp::NullaryFnOnce for Ru
             let mut rendered = [0.0; 3];
             self.tape.forget();
             for [u, v] in self.offsets {
-                let radiance = self.renderer.integrator.trace(&self.camera.ray(x + u, y + v), self.tape);
+                let radiance = self.renderer.medium.trace(&self.camera.ray(x + u, y + v), self.tape);
                 let composited = self.renderer.composite(&radiance);
                 rendered.iter_mut().zip(composited.rgb).for_each(|(s, l)| *s += share * f64::from(l));
             }

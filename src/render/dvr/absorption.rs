@@ -8,7 +8,7 @@ use crate::real::Real;
 use crate::render::cell::Quartet;
 use crate::render::compositing::{self, Backward, Compositing};
 use crate::render::differentiable::{Adjoint, Loss};
-use crate::render::integrator::Radiance;
+use crate::render::emission_absorption::Radiance;
 use crate::render::march::{IndexRay, Span};
 use crate::render::quadrature::{DepthRule, ExactDepth};
 

@@ -5,7 +5,7 @@ use super::{CompiledCurve, Dvr};
 use crate::real::Real;
 use crate::render::compositing::Compositing;
 use crate::render::curve::Curve;
-use crate::render::integrator::Radiance;
+use crate::render::emission_absorption::Radiance;
 use crate::render::march::Span;
 use crate::render::quadrature::Rule;
 

@@ -11,7 +11,7 @@ use super::shade::SegmentCotangent;
 use crate::real::Real;
 use crate::render::compositing;
 use crate::render::differentiable::{Adjoint, Loss};
-use crate::render::integrator::Radiance;
+use crate::render::emission_absorption::Radiance;
 use crate::render::quadrature::Rule;
 use crate::render::segment::End;
 

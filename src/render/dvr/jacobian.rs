@@ -14,7 +14,7 @@ use crate::real::Lanes;
 use crate::render::composited::{Composited, Pixel};
 use crate::render::compositing;
 use crate::render::differentiable::{Accumulators, Adjoint, Cotangent, ParameterGradient};
-use crate::render::integrator::{Integrator, Radiance};
+use crate::render::emission_absorption::{EmissionAbsorption, Radiance};
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Rule;
 
@@ -70,7 +70,7 @@ impl<R: Precision> Dvr<'_, R> {
         tape: &mut Tape<R>,
     ) -> Radiance {
         let (CompiledMedium::Table(compiled, tables), Some(ray)) = (&self.compiled, self.index_ray(ray)) else {
-            return self.li(ray, tape);
+            return self.integrate(ray, tape);
         };
         if let Some(tables) = tables
             && let Some(radiance) =
@@ -185,6 +185,6 @@ impl<R: Precision> Composited<Dvr<'_, R>> {
     /// transfer function, `weight` times its derivatives with respect to the values at the knots; see
     /// `Dvr::table_jacobian`.
     pub fn table_jacobian(&self, ray: &Ray, weight: f64, jacobian: &mut TableJacobian, tape: &mut Tape<R>) -> Pixel<R> {
-        self.composite(&self.integrator.table_jacobian(ray, self.background, (weight, jacobian), tape))
+        self.composite(&self.medium.table_jacobian(ray, self.background, (weight, jacobian), tape))
     }
 }

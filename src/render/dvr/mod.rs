@@ -39,7 +39,7 @@ use crate::render::composited::Composited;
 use crate::render::compositing;
 use crate::render::curve::{Curve, Piece};
 use crate::render::differentiable::{Accumulators, Adjoint, Differentiable, Forward, Loss, Seeds, TangentRadiance};
-use crate::render::integrator::{Integrator, Radiance};
+use crate::render::emission_absorption::{EmissionAbsorption, Radiance};
 use crate::render::majorant::Majorants;
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Quadrature;
@@ -348,7 +348,7 @@ impl<'a, R: Real> Dvr<'a, R> {
 
     /// Composites the medium over a constant background.
     pub fn over(self, background: [f32; 3]) -> Composited<Self> {
-        Composited { integrator: self, background }
+        Composited { medium: self, background }
     }
 
     /// Sets the quadrature rule.
@@ -516,30 +516,30 @@ impl<R: Precision> Composited<Dvr<'_, R>> {
     /// transmittance T, medium and background contribute T times a mean of their radiances; the picture has T times the
     /// background instead.
     pub fn left_out(&self) -> f64 {
-        self.integrator.least_transmittance() * self.unit()
+        self.medium.least_transmittance() * self.unit()
     }
 
     /// Returns the radiance that relative errors of a pixel are measured by: the brightest of medium and background, at
     /// least the 1 of alpha.
     fn unit(&self) -> f64 {
-        self.integrator.brightest().max(self.brightest_background()).max(1.0)
+        self.medium.brightest().max(self.brightest_background()).max(1.0)
     }
 
     /// Returns a bound of the error that the quadrature makes in any channel of a pixel, alpha included, beside
     /// rounding to the precision `R`; `None` for rules that state none.
     pub(crate) fn quadrature_error(&self) -> Option<f64> {
-        match (self.integrator.quadrature, &self.integrator.compiled) {
+        match (self.medium.quadrature, &self.medium.compiled) {
             (Quadrature::Preintegrated(tolerance), CompiledMedium::Table(..)) => Some(tolerance * self.unit()),
             _ => None,
         }
     }
 }
 
-impl<R: Precision> Integrator for Dvr<'_, R> {
+impl<R: Precision> EmissionAbsorption for Dvr<'_, R> {
     type Real = R;
     type Scratch = Tape<R>;
 
-    fn li(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
+    fn integrate(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
         R::radiance(self, ray, tape)
     }
 }

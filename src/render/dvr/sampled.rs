@@ -8,7 +8,7 @@ use super::preintegrated::shares;
 use crate::real::{LANES, Lanes, Real};
 use crate::render::cell::{interpolated, placed};
 use crate::render::curve::Curve;
-use crate::render::integrator::Radiance;
+use crate::render::emission_absorption::Radiance;
 use crate::render::march::{IndexRay, Span, spans};
 use crate::render::quadrature::Uniform;
 use crate::scene::bricks::Topology;

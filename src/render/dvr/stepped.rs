@@ -5,7 +5,7 @@ use super::tape::Tape;
 use super::{CompiledCurve, CompiledMedium};
 use crate::real::Real;
 use crate::render::differentiable::{Adjoint, Loss};
-use crate::render::integrator::Radiance;
+use crate::render::emission_absorption::Radiance;
 use crate::render::quadrature::Uniform;
 use crate::scene::medium::Source;
 

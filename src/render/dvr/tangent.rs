@@ -23,7 +23,7 @@ use crate::real::Real;
 use crate::render::cell::{corners, gather};
 use crate::render::compositing;
 use crate::render::differentiable::{RayGradient, Seeds, TangentRadiance};
-use crate::render::integrator::Radiance;
+use crate::render::emission_absorption::Radiance;
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Rule;
 use crate::render::segment::End;

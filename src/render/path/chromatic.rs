@@ -5,10 +5,10 @@
 //! for all channels by the balance heuristic (spectral multiple importance sampling; Wilkie et al. 2014). The weights
 //! of the channels then keep their sum (Kutz et al. 2017).
 
-use super::Scratch;
 use super::optics::Any;
 use super::phase::{Mixed, Shaded};
-use super::tracking::{Collision, EXACT_DEPTH, LEAST_TRANSMITTANCE, Media, One, Primary, any};
+use super::tracking::{Collision, EXACT_DEPTH, LEAST_TRANSMITTANCE, Media, One, Visible, any};
+use super::{Primary, Scratch};
 use crate::error::Result;
 use crate::math::Ray;
 use crate::render::sampler::Sampler;
@@ -106,27 +106,25 @@ impl Media for Chromatic<'_> {
         draw_weight(DVec3::ONE, self.depths(ray, distance, scratch), shares(weight))
     }
 
-    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch) {
+    fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary {
         let [one] = &self.0[..] else {
-            scratch.depths = self.depths(ray, f64::INFINITY, scratch);
-            return;
+            return Primary { depths: self.depths(ray, f64::INFINITY, scratch), ..Primary::default() };
         };
         let walked = one.volume.dvr.walk(ray, &mut scratch.camera);
-        scratch.depths = one.color * walked.depth;
-        scratch.walked = Some(walked);
+        Primary { depths: one.color * walked.depth, walked: Some(walked), ..Primary::default() }
     }
 
     /// The transmittance is exact. With one volume every ray that meets it collides with it.
-    fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
-        let depths = scratch.depths;
+    fn first(&self, ray: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Visible {
+        let depths = primary.depths;
         let transmittance = (-depths).map(f64::exp).as_vec3();
-        let ([one], Some(walked)) = (&self.0[..], scratch.walked) else {
-            return Primary { transmittance, collision: self.collide(ray, Vec3::ONE, sampler, scratch), spare: 0.0 };
+        let ([one], Some(walked)) = (&self.0[..], primary.walked) else {
+            return Visible { transmittance, collision: self.collide(ray, Vec3::ONE, sampler, scratch), spare: 0.0 };
         };
         let opacities = (-depths).map(|depth| -depth.exp_m1());
         let sum = opacities.element_sum();
         if sum <= 0.0 {
-            return Primary { transmittance, collision: None, spare: 0.0 };
+            return Visible { transmittance, collision: None, spare: 0.0 };
         }
         let [u, channel, spare, _] = sampler.stratified();
         let channel = pick(opacities / sum, channel);
@@ -135,7 +133,7 @@ impl Media for Chromatic<'_> {
         let values = one.color * (-(depth * one.color)).map(f64::exp);
         let weight = (values * (sum / values.element_sum())).as_vec3();
         let collision = found.map(|(distance, density)| (Collision { distance, density, volume: 0 }, weight));
-        Primary { transmittance, collision, spare }
+        Visible { transmittance, collision, spare }
     }
 
     fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {

@@ -1,9 +1,9 @@
 //! Media beside which grids emit, such as fire.
 
-use super::Scratch;
-use super::tracking::{Collision, LEAST_TRANSMITTANCE, Media, Primary};
+use super::tracking::{Collision, LEAST_TRANSMITTANCE, Media, Visible};
+use super::{Primary, Scratch};
 use crate::math::Ray;
-use crate::render::integrator::Integrator;
+use crate::render::emission_absorption::EmissionAbsorption;
 use crate::render::preshaded::Preshaded;
 use crate::render::sampler::Sampler;
 use crate::scene::emission::Emitted;
@@ -11,15 +11,17 @@ use glam::{DVec3, Vec3};
 
 /// Emission by grids beside media.
 pub(super) trait Glow: Sync + Send {
-    /// Walks along a camera's ray, before paths are traced from it.
-    fn walk_primary(&self, _: &Ray, _: &mut Scratch) {}
-    /// Returns an estimate of the radiance along a world ray of unit direction through the media; `of_camera` for the
-    /// camera's ray that was walked last.
+    /// Returns the radiance along a camera's ray that all paths from it share.
+    fn shared(&self, _: &Ray, _: &mut Scratch) -> Vec3 {
+        Vec3::ZERO
+    }
+    /// Returns an estimate of the radiance along a world ray of unit direction through the media, which may be a
+    /// camera's ray that was walked before.
     fn emitted(
         &self,
         media: &impl Media,
         ray: &Ray,
-        of_camera: bool,
+        primary: Option<&Primary>,
         sampler: &mut Sampler,
         scratch: &mut Scratch,
     ) -> Vec3;
@@ -37,19 +39,26 @@ impl<'a> Integrated<'a> {
 
     #[inline(always)]
     fn radiance(&self, ray: &Ray, scratch: &mut Scratch) -> Vec3 {
-        DVec3::from_array(self.0.li(ray, &mut scratch.emission).rgb).as_vec3()
+        DVec3::from_array(self.0.integrate(ray, &mut scratch.emission).rgb).as_vec3()
     }
 }
 
 impl Glow for Integrated<'_> {
     #[inline(always)]
-    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch) {
-        scratch.emitted = self.radiance(ray, scratch);
+    fn shared(&self, ray: &Ray, scratch: &mut Scratch) -> Vec3 {
+        self.radiance(ray, scratch)
     }
 
     #[inline(always)]
-    fn emitted(&self, _: &impl Media, ray: &Ray, of_camera: bool, _: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
-        if of_camera { scratch.emitted } else { self.radiance(ray, scratch) }
+    fn emitted(
+        &self,
+        _: &impl Media,
+        ray: &Ray,
+        primary: Option<&Primary>,
+        _: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Vec3 {
+        primary.map_or_else(|| self.radiance(ray, scratch), |primary| primary.emitted)
     }
 }
 
@@ -83,19 +92,18 @@ impl<M: Media, G: Glow> Media for Emissive<M, G> {
     }
 
     #[inline(always)]
-    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch) {
-        self.glow.walk_primary(ray, scratch);
-        self.media.walk_primary(ray, scratch);
+    fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary {
+        Primary { emitted: self.glow.shared(ray, scratch), ..self.media.primary(ray, scratch) }
     }
 
     #[inline(always)]
-    fn emitted(&self, ray: &Ray, of_camera: bool, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
-        self.glow.emitted(&self.media, ray, of_camera, sampler, scratch)
+    fn emitted(&self, ray: &Ray, primary: Option<&Primary>, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
+        self.glow.emitted(&self.media, ray, primary, sampler, scratch)
     }
 
     #[inline(always)]
-    fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
-        self.media.first(ray, sampler, scratch)
+    fn first(&self, ray: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Visible {
+        self.media.first(ray, primary, sampler, scratch)
     }
 
     #[inline(always)]

@@ -2,9 +2,9 @@
 //!
 //! A point of the ray is drawn by the strength of the emission there, and its light dimmed by all media before it.
 
-use super::Scratch;
 use super::emissive::Glow;
 use super::tracking::Media;
+use super::{Primary, Scratch};
 use crate::error::Result;
 use crate::math::Ray;
 use crate::render::dvr::Dvr;
@@ -40,7 +40,14 @@ impl<'a> Flames<'a> {
 }
 
 impl Glow for Flames<'_> {
-    fn emitted(&self, media: &impl Media, ray: &Ray, _: bool, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
+    fn emitted(
+        &self,
+        media: &impl Media,
+        ray: &Ray,
+        _: Option<&Primary>,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Vec3 {
         let mut sum = Vec3::ZERO;
         for Flame { emission, strength } in &self.0 {
             let walked = strength.walk(ray, &mut scratch.tape);

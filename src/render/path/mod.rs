@@ -15,66 +15,23 @@ mod chromatic;
 mod direct;
 mod emissive;
 mod flames;
-mod halves;
 mod kernel;
 mod optics;
 mod phase;
-mod picture;
 mod tracking;
-
-pub(crate) use halves::VARIANCE_BYTES;
-pub(crate) use picture::PIXEL_BYTES;
-pub use picture::{PathFilm, Sampling, View};
 
 use crate::arch::Arch;
 use crate::error::Result;
 use crate::math::Ray;
 use crate::render::dvr::{Tape, TracedRay};
+use crate::render::integrator::{Counts, First, Integrator, Sample, mean};
 use crate::render::preshaded;
 use crate::render::sampler::Sampler;
 use crate::scene::scene::Scene;
 use direct::Lighting;
 use glam::{DVec3, Vec3};
 use phase::PhaseFunction;
-use tracking::{Collision, Media, Primary};
-
-/// Number of events while paths were traced.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Counts {
-    /// Paths.
-    pub paths: u64,
-    /// Real collisions with a medium.
-    pub collisions: u64,
-    /// Densities looked up on the way to collisions.
-    pub lookups: u64,
-    /// Rays to lights whose transmittance was computed.
-    pub shadow_rays: u64,
-    /// Extinctions above their majorant. Any of them biases the picture.
-    pub violations: u64,
-    /// Directions drawn whose probability density was 0 or not a number. Any of them biases the picture.
-    pub impossible: u64,
-    /// Paths whose scattered radiance was clamped.
-    pub clamped: u64,
-    /// Radiance that they lost, the mean of the channels.
-    pub lost: f64,
-}
-
-impl Counts {
-    /// Returns the sums of both.
-    #[must_use]
-    pub fn plus(self, o: Self) -> Self {
-        Self {
-            paths: self.paths + o.paths,
-            collisions: self.collisions + o.collisions,
-            lookups: self.lookups + o.lookups,
-            shadow_rays: self.shadow_rays + o.shadow_rays,
-            violations: self.violations + o.violations,
-            impossible: self.impossible + o.impossible,
-            clamped: self.clamped + o.clamped,
-            lost: self.lost + o.lost,
-        }
-    }
-}
+use tracking::{Collision, Media, Visible};
 
 /// Scratch memory of a task, reused from path to path.
 #[derive(Debug, Default)]
@@ -82,63 +39,19 @@ pub struct Scratch {
     tape: Tape<f32>,
     /// The way of the camera's ray that was walked last.
     camera: Tape<f32>,
-    walked: Option<TracedRay>,
-    /// Optical depth of that ray by channel, and the radiance of the grid beside the media along it, where kernels ask
-    /// for them.
-    depths: DVec3,
-    emitted: Vec3,
     emission: preshaded::Tape<f32>,
     /// Events since the memory was made.
     pub counts: Counts,
 }
 
-/// One path's estimate of a pixel.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct PathSample {
-    /// Radiance that was not scattered: emitted towards the camera, and from behind the media.
-    pub unscattered: Vec3,
-    /// Radiance of lights and environment that was scattered once.
-    pub direct: Vec3,
-    /// Radiance that was scattered more often, and emission that was scattered.
-    pub indirect: Vec3,
-    /// Transmittance of the camera's ray, the mean of the channels.
-    pub transmittance: f32,
-    /// First collision along the camera's ray.
-    pub first: Option<First>,
-}
-
-impl PathSample {
-    /// Returns the radiance in all.
-    pub fn radiance(&self) -> Vec3 {
-        self.unscattered + self.direct + self.indirect
-    }
-
-    /// Scales the scattered radiance down to at most `most` in each channel, and counts what is lost.
-    fn clamp(&mut self, most: f32, counts: &mut Counts) {
-        let scattered = self.direct + self.indirect;
-        let share = most / scattered.max_element();
-        if share < 1.0 {
-            self.direct *= share;
-            self.indirect *= share;
-            counts.clamped += 1;
-            counts.lost += f64::from(mean(scattered) * (1.0 - share));
-        }
-    }
-}
-
-/// First collision of a path.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct First {
-    /// World length from the ray's origin.
-    pub distance: f64,
-    /// Position in world space.
-    pub position: DVec3,
-    /// Share of the extinction that is scattered, by channel.
-    pub albedo: Vec3,
-    /// Number of the volume.
-    pub volume: usize,
-    /// Weight of the collision: the opacity of the camera's ray, or an estimate of it.
-    pub share: f32,
+/// State that all paths along one camera's ray share; the cells on its way are kept with the scratch memory.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Primary {
+    walked: Option<TracedRay>,
+    /// Optical depth by channel, where kernels ask for it.
+    depths: DVec3,
+    /// Radiance of the grid beside the media, where kernels ask for it.
+    emitted: Vec3,
 }
 
 /// How far paths go.
@@ -167,9 +80,16 @@ pub struct PathTracer<'a> {
 trait Kernel: Sync + Send {
     /// Returns the unit vector in which the density of a volume falls; 0 where it is constant.
     fn normal(&self, first: &First) -> DVec3;
-    /// Walks along a camera's ray, before paths are traced from it.
-    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch);
-    fn trace(&self, tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample;
+    /// Walks along a camera's ray.
+    fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary;
+    /// Traces a path from a camera's ray, which was walked last.
+    fn trace(
+        &self,
+        tracer: &PathTracer<'_>,
+        from: (&Ray, &Primary),
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Sample;
 }
 
 impl<M: Media> Kernel for M {
@@ -177,13 +97,19 @@ impl<M: Media> Kernel for M {
         Media::normal(self, first.volume, first.position)
     }
 
-    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch) {
-        Media::walk_primary(self, ray, scratch);
+    fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary {
+        Media::primary(self, ray, scratch)
     }
 
-    fn trace(&self, tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
+    fn trace(
+        &self,
+        tracer: &PathTracer<'_>,
+        (ray, primary): (&Ray, &Primary),
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Sample {
         let PathTracer { lighting, limits, arch, .. } = tracer;
-        arch.dispatch(Path { media: self, lighting, limits: *limits, ray, sampler, scratch })
+        arch.dispatch(Path { media: self, lighting, limits: *limits, ray, primary, sampler, scratch })
     }
 }
 
@@ -228,18 +154,27 @@ impl<'a> PathTracer<'a> {
         self.arch = arch;
         self
     }
+}
 
-    /// Returns one path's estimate of the radiance along a world ray of unit direction.
-    pub fn sample(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
-        self.kernel.walk_primary(ray, scratch);
-        self.sample_again(ray, sampler, scratch)
+impl Integrator for PathTracer<'_> {
+    type Primary = Primary;
+    type Scratch = Scratch;
+
+    fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary {
+        self.kernel.primary(ray, scratch)
     }
 
-    /// Returns another path's estimate along the ray of the last call of [`PathTracer::sample`] with this scratch
-    /// memory, for less.
-    fn sample_again(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
+    fn li(&self, ray: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Sample {
         scratch.counts.paths += 1;
-        self.kernel.trace(self, ray, sampler, scratch)
+        self.kernel.trace(self, (ray, primary), sampler, scratch)
+    }
+
+    fn normal(&self, first: &First) -> DVec3 {
+        self.kernel.normal(first)
+    }
+
+    fn take_counts(scratch: &mut Scratch) -> Counts {
+        std::mem::take(&mut scratch.counts)
     }
 }
 
@@ -249,21 +184,24 @@ struct Path<'p, M> {
     lighting: &'p Lighting,
     limits: Limits,
     ray: &'p Ray,
+    primary: &'p Primary,
     sampler: &'p mut Sampler,
     scratch: &'p mut Scratch,
 }
 
 impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
-    type Output = PathSample;
+    type Output = Sample;
 
     #[inline(always)]
-    fn call(self) -> PathSample {
-        let Self { media, lighting, limits, ray, sampler, scratch } = self;
-        let Primary { transmittance, collision, spare } = media.first(ray, sampler, scratch);
+    fn call(self) -> Sample {
+        let Self { media, lighting, limits, ray, primary, sampler, scratch } = self;
+        let Visible { transmittance, collision, spare } = media.first(ray, primary, sampler, scratch);
         let unscattered = transmittance * lighting.background(ray.direction);
-        let mut out = PathSample { unscattered, transmittance: mean(transmittance), ..PathSample::default() };
+        let transmittance = mean(transmittance);
+        let optical_depth = -f64::from(transmittance.max(f32::MIN_POSITIVE)).ln();
+        let mut out = Sample { unscattered, transmittance, optical_depth, ..Sample::default() };
         if M::GLOWS {
-            out.unscattered += media.emitted(ray, true, sampler, scratch);
+            out.unscattered += media.emitted(ray, Some(primary), sampler, scratch);
         }
         let Some((mut collision, mut weight)) = collision else { return out };
         let (mut ray, mut bounces) = (*ray, 0);
@@ -304,7 +242,7 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             scratch.counts.impossible += u64::from(density.is_nan() || density <= 0.0);
             ray = Ray { origin: at, direction };
             if M::GLOWS {
-                out.indirect += weight * media.emitted(&ray, false, sampler, scratch);
+                out.indirect += weight * media.emitted(&ray, None, sampler, scratch);
             }
             let next = media.collide(&ray, weight, sampler, scratch);
             let reach = next.map_or(f64::INFINITY, |(collision, _)| collision.distance);
@@ -316,12 +254,6 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
         }
         out
     }
-}
-
-/// Returns the mean of the channels, exactly that of equal ones.
-#[inline(always)]
-fn mean(color: Vec3) -> f32 {
-    if color.x == color.y && color.y == color.z { color.x } else { color.element_sum() / 3.0 }
 }
 
 /// Scatterings before the first roulette, and the weight below which it is played.

@@ -6,10 +6,11 @@
 
 use super::optics::{Any, DensityMedium};
 use super::phase::{Mixed, PhaseFunction, Phases, Shaded, gradient};
-use super::{Counts, Scratch};
+use super::{Primary, Scratch};
 use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::render::dvr::{self, Dvr};
+use crate::render::integrator::Counts;
 use crate::render::march::{IndexRay, Span, spans};
 use crate::render::sampler::Sampler;
 use crate::scene::bricks::{BRICK, Bricks};
@@ -28,9 +29,9 @@ pub(super) struct Collision {
     pub volume: usize,
 }
 
-/// A camera's ray: what it lets through, and a collision with the weight of all of them.
+/// Light that a camera's ray meets: what comes from behind the media, and a collision with the weight of all of them.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Primary {
+pub(super) struct Visible {
     /// Transmittance, or an estimate of it, by channel.
     pub transmittance: Vec3,
     /// Collision and its weight, of the same mean as 1 - transmittance.
@@ -59,14 +60,14 @@ pub(super) trait Media: Sync + Send {
     /// Returns what the weight of a ray is to be multiplied by that [`Media::collide`] let go on beyond a distance.
     fn survival(&self, ray: &Ray, distance: f64, weight: Vec3, scratch: &mut Scratch) -> Vec3;
     /// Walks along a camera's ray, before collisions are drawn on it.
-    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch);
-    /// Returns an estimate of the radiance of the grids beside the media along a world ray of unit direction;
-    /// `of_camera` for the camera's ray that was walked last.
-    fn emitted(&self, _: &Ray, _of_camera: bool, _: &mut Sampler, _: &mut Scratch) -> Vec3 {
+    fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary;
+    /// Returns an estimate of the radiance of the grids beside the media along a world ray of unit direction, which may
+    /// be a camera's ray that was walked before.
+    fn emitted(&self, _: &Ray, _: Option<&Primary>, _: &mut Sampler, _: &mut Scratch) -> Vec3 {
         Vec3::ZERO
     }
     /// Draws the first collision along the camera's ray that was walked last.
-    fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary;
+    fn first(&self, ray: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Visible;
     /// Returns an estimate of the transmittance of the first `length` of a world ray of unit direction.
     fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3;
     /// Returns the share of the extinction that is scattered.
@@ -267,23 +268,23 @@ impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
     }
 
     #[inline(always)]
-    fn walk_primary(&self, ray: &Ray, scratch: &mut Scratch) {
-        scratch.walked = Some(self.dvr.walk(ray, &mut scratch.camera));
+    fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary {
+        Primary { walked: Some(self.dvr.walk(ray, &mut scratch.camera)), ..Primary::default() }
     }
 
     /// The transmittance is exact, and every ray that meets the medium collides with it.
     #[inline(always)]
-    fn first(&self, _: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
+    fn first(&self, _: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Visible {
         let [u, spare, ..] = sampler.stratified();
-        let Some(walked) = &scratch.walked else {
-            return Primary { transmittance: Vec3::ONE, collision: None, spare };
+        let Some(walked) = &primary.walked else {
+            return Visible { transmittance: Vec3::ONE, collision: None, spare };
         };
         let transmittance = (-walked.depth).exp();
         let share = -(-walked.depth).exp_m1();
         let found = walked.collision(u).and_then(|depth| self.dvr.locate(walked, depth, &mut scratch.camera));
         let weight = Vec3::splat(share as f32);
         let collision = found.map(|(distance, density)| (Collision { distance, density, volume: 0 }, weight));
-        Primary { transmittance: Vec3::splat(transmittance as f32), collision, spare }
+        Visible { transmittance: Vec3::splat(transmittance as f32), collision, spare }
     }
 
     #[inline(always)]
@@ -339,13 +340,15 @@ impl Media for Vec<One<'_, Any, Shaded>> {
 
     /// Collisions are drawn by tracking: there is nothing to be prepared.
     #[inline(always)]
-    fn walk_primary(&self, _: &Ray, _: &mut Scratch) {}
+    fn primary(&self, _: &Ray, _: &mut Scratch) -> Primary {
+        Primary::default()
+    }
 
     #[inline(always)]
-    fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
+    fn first(&self, ray: &Ray, _: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Visible {
         let collision = self.collide(ray, Vec3::ONE, sampler, scratch);
         let transmittance = if collision.is_some() { Vec3::ZERO } else { Vec3::ONE };
-        Primary { transmittance, collision, spare: 0.0 }
+        Visible { transmittance, collision, spare: 0.0 }
     }
 
     #[inline(always)]

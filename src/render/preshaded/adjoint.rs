@@ -26,8 +26,8 @@ use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::compositing::{self, Backward};
 use crate::render::differentiable::{Accumulators, Adjoint, Cotangent, Loss};
+use crate::render::emission_absorption::Radiance;
 use crate::render::index_ray_gradient::IndexRayGradient;
-use crate::render::integrator::Radiance;
 use crate::render::march::{IndexRay, Span};
 use glam::DVec3;
 

@@ -4,7 +4,7 @@ use super::Preshaded;
 use super::segment::{Footprint, Segment};
 use crate::real::{LANES, Lanes, Real};
 use crate::render::compositing::Compositing;
-use crate::render::integrator::Radiance;
+use crate::render::emission_absorption::Radiance;
 use crate::render::march::Span;
 use crate::render::quadrature::cells::{Cell, cells};
 

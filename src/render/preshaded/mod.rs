@@ -24,7 +24,7 @@ use crate::real::Real;
 use crate::render::composited::Composited;
 use crate::render::compositing;
 use crate::render::differentiable::{Accumulators, Adjoint, Differentiable, Forward, Loss, Seeds, TangentRadiance};
-use crate::render::integrator::{Integrator, Radiance};
+use crate::render::emission_absorption::{EmissionAbsorption, Radiance};
 use crate::render::march::IndexRay;
 use crate::scene::bricks::{Bricks, CELLS};
 use blend::{Blend, Footprints};
@@ -45,7 +45,7 @@ impl<'a, R: Real> Preshaded<'a, R> {
 
     /// Composites the volume over a constant background.
     pub fn over(self, background: [f32; 3]) -> Composited<Self> {
-        Composited { integrator: self, background }
+        Composited { medium: self, background }
     }
 
     /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Composited::left_out`] bounds the
@@ -127,16 +127,16 @@ impl<R: Real> Composited<Preshaded<'_, R>> {
     /// extinction, and at most T times the sum of background and emission along the box's diagonal; the picture has T
     /// times the background instead.
     pub fn left_out(&self) -> f64 {
-        let ([ratio, emitted], background) = (self.integrator.brightest(), self.brightest_background());
-        self.integrator.least_transmittance() * ratio.max(background).min(emitted + background).max(1.0)
+        let ([ratio, emitted], background) = (self.medium.brightest(), self.brightest_background());
+        self.medium.least_transmittance() * ratio.max(background).min(emitted + background).max(1.0)
     }
 }
 
-impl<R: Real> Integrator for Preshaded<'_, R> {
+impl<R: Real> EmissionAbsorption for Preshaded<'_, R> {
     type Real = R;
     type Scratch = Tape<R>;
 
-    fn li(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
+    fn integrate(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
         Arch::default().dispatch(Value { renderer: self, ray, tape })
     }
 }

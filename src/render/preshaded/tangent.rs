@@ -13,7 +13,7 @@ use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::compositing;
 use crate::render::differentiable::{Adjoint, RayGradient, Seeds, TangentRadiance};
-use crate::render::integrator::Radiance;
+use crate::render::emission_absorption::Radiance;
 use crate::render::march::IndexRay;
 use glam::DVec3;
 

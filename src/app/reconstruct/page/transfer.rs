@@ -11,8 +11,9 @@ use crate::formats::transfer::Options;
 use crate::formats::vdb::File;
 use crate::formats::{captures, transfer};
 use crate::metrics;
-use crate::render;
+
 use crate::render::dvr::Dvr;
+use crate::render::film::{self, Sampling};
 use crate::report::{Page, Plot, Series, ViewRow};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::Frame;
@@ -76,11 +77,12 @@ pub(crate) fn views(
     let dvr = Dvr::new(&field, Medium::new(capture.density_scale, source))?
         .quadrature(run.quadrature)
         .over(capture.background);
-    let rays = run::rays_per_edge(capture.pixel_filter);
+    let sampling = Sampling::grid(run::rays_per_edge(capture.pixel_filter));
     let frames = numbers.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
     let view = |(i, frame): (usize, &Frame)| {
         let picture = photos::picture(&frame.picture, run.layer.as_deref(), &capture, limits)?;
-        let Some(render) = render::picture(&dvr, &frame.camera, rays, cancel) else { return Ok(None) };
+        let Some(rendered) = film::render(&dvr, &frame.camera, sampling, &[], cancel) else { return Ok(None) };
+        let render = rendered.film;
         let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
         let row = ViewRow {
             name: frame.picture.file_stem().unwrap_or_default().to_string_lossy().into_owned(),

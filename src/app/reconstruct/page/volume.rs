@@ -12,8 +12,9 @@ use crate::formats::{captures, transfer};
 use crate::metrics;
 use crate::metrics::volume::{self, Difference, Multiple};
 use crate::ordered;
-use crate::render::any_renderer::AnyRenderer;
+use crate::render::direct::DirectRenderer;
 use crate::render::dvr::Dvr;
+use crate::render::film::Sampling;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
 use crate::report::{CompanionVolume as Quantity, MOST_THUMBNAILS, Page, Plot, Series, Thumbnail, ViewRow, choose};
@@ -143,15 +144,15 @@ impl Reconstruction {
         Ok(Self { capture, by_alpha, grid, field, shaded })
     }
 
-    fn renderer(&self) -> Result<AnyRenderer<'_>> {
+    fn renderer(&self) -> Result<DirectRenderer<'_>> {
         let background = self.capture.background;
         if let Some(volume) = &self.shaded {
-            return Ok(AnyRenderer::PreShaded(Preshaded::new(volume).over(background)));
+            return Ok(DirectRenderer::PreShaded(Preshaded::new(volume).over(background)));
         }
         let medium = self.capture.medium()?;
         let quadrature = Quadrature::usual(&medium.source);
         let dvr = Dvr::new(&self.field, medium)?.quadrature(quadrature);
-        Ok(AnyRenderer::Density(dvr.over(background)))
+        Ok(DirectRenderer::Density(dvr.over(background)))
     }
 
     fn difference(&self, reference: &Grid) -> Result<Difference> {
@@ -248,14 +249,15 @@ fn rows(
     cancel: &Cancel,
 ) -> Result<Vec<ViewRow>> {
     let (capture, renderer) = (&volume.capture, volume.renderer()?);
-    let rays = run::rays_per_edge(capture.pixel_filter);
+    let sampling = Sampling::grid(run::rays_per_edge(capture.pixel_filter));
     let shown = run.shown.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
     shown
         .take_while(|_| !cancel.requested())
         .map(|(i, frame)| {
             let picture = photos::picture(&frame.picture, run.layer.as_deref(), capture, limits)?;
             let picture = if volume.by_alpha { picture.by_alpha() } else { picture };
-            let Some(render) = renderer.picture(&frame.camera, rays, cancel) else { return Ok(None) };
+            let Some(rendered) = renderer.render(&frame.camera, sampling, &[], cancel) else { return Ok(None) };
+            let render = rendered.film;
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
             let extra = extra(beside, &frame.camera, limits)?;
             Ok(Some(ViewRow {

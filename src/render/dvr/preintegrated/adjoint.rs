@@ -17,7 +17,7 @@ use super::{Preintegrated, Scratch};
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::render::differentiable::{Adjoint, Loss};
-use crate::render::integrator::Radiance;
+use crate::render::emission_absorption::Radiance;
 
 /// Groups of nodes that replay keeps, the nearest ones; it walks and samples the rest of the ray a second time.
 const KEPT: usize = 6;

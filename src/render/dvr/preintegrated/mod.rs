@@ -23,7 +23,7 @@ mod visit;
 use super::Dvr;
 use crate::real::{Lanes, Real};
 use crate::render::curve::Curve;
-use crate::render::integrator::Radiance;
+use crate::render::emission_absorption::Radiance;
 use crate::render::march::IndexRay;
 use crate::scene::bricks::{BRICK, Bricks, CELLS, Topology};
 use crate::scene::table::Table;

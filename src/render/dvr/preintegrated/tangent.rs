@@ -15,7 +15,7 @@ use crate::dual::Dual;
 use crate::real::{LANES, Lanes, Real};
 use crate::render::differentiable::TangentRadiance;
 use crate::render::differentiable::{Accumulators, Adjoint, Cotangent, Loss, ParameterGradient, RayGradient, Seeds};
-use crate::render::integrator::Radiance;
+use crate::render::emission_absorption::Radiance;
 use crate::render::march::IndexRay;
 
 /// Changes of the stored values along several directions, and the derivatives of the loss along them.

@@ -10,37 +10,8 @@ use glam::DVec4;
 /// Pixels to each side over which the factor between both variances is pooled.
 const RADIUS: usize = 8;
 
-/// Bytes of memory per pixel that [`variances`] takes: both variances, their sums along rows, and their sums.
-pub(crate) const VARIANCE_BYTES: u64 = 5 * size_of::<DVec4>() as u64;
-
-/// Paths of a pixel, whole or in two halves.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Paths {
-    /// All paths are of one sequence.
-    Whole,
-    /// Rays of even number are of one sequence, those of odd number of another.
-    Halves,
-}
-
-impl Paths {
-    /// Returns the half of a ray, and the seed of its sequence.
-    pub(crate) fn of_ray(self, ray: u32, seed: u64) -> (usize, u64) {
-        let half = (ray % 2) as usize;
-        let seed = match (self, half) {
-            (Self::Halves, 1) => seed ^ 0xD1B5_4A32_D192_ED03,
-            _ => seed,
-        };
-        (half, seed)
-    }
-
-    /// Returns the number of a ray in its sequence.
-    pub(crate) fn place(self, ray: u32) -> u32 {
-        match self {
-            Self::Whole => ray,
-            Self::Halves => ray / 2,
-        }
-    }
-}
+/// Bytes of memory per pixel that [`variances`] takes: both variances twice, their sums along rows, and their sums.
+pub(super) const VARIANCE_BYTES: u64 = 7 * size_of::<DVec4>() as u64;
 
 /// Sums over one half of a pixel's rays.
 #[derive(Debug, Clone, Copy, Default)]
@@ -70,19 +41,20 @@ fn by_difference([a, b]: &[Half; 2]) -> DVec4 {
     f64::from(a.rays) * f64::from(b.rays) / (rays * rays) * apart * apart
 }
 
-/// Returns the variances of the means of pixels over their rays, red, green, blue and alpha, in the order of `pixels`:
-/// row by row.
+/// Returns the variance of the mean over a pixel's rays among them, and that by its halves, which has the right level;
+/// red, green, blue and alpha. Rays that are not in halves have the former twice.
+pub(super) fn both(rgba: &[Moments; 4], halves: &[Half; 2], in_halves: bool) -> [DVec4; 2] {
+    let among = DVec4::from_array(rgba.map(|m| m.variance_of_mean()));
+    [among, if in_halves { by_difference(halves) } else { among }]
+}
+
+/// Returns the variances of the means of pixels over their rays, red, green, blue and alpha, from [`both`] of each in
+/// row-major order.
 ///
 /// The variance among a pixel's rays tells pixels apart, and the difference of its halves has the right level. The
 /// former is multiplied by the ratio of both over the 17 x 17 pixels around. Infinite for pixels of one ray.
-pub(super) fn variances<'p>(
-    width: usize,
-    pixels: impl Iterator<Item = (&'p [Moments; 4], &'p [Half; 2])>,
-) -> Vec<[f32; 4]> {
-    let both = |(rgba, halves): (&[Moments; 4], &[Half; 2])| {
-        (DVec4::from_array(rgba.map(|m| m.variance_of_mean())), by_difference(halves))
-    };
-    let (among, level): (Vec<DVec4>, Vec<DVec4>) = pixels.map(both).unzip();
+pub(super) fn variances<'p>(width: usize, pixels: impl Iterator<Item = &'p [DVec4; 2]>) -> Vec<[f32; 4]> {
+    let (among, level): (Vec<DVec4>, Vec<DVec4>) = pixels.map(|[among, level]| (*among, *level)).unzip();
     if among.iter().any(|v| !v.is_finite()) {
         return among.iter().map(|v| v.as_vec4().to_array()).collect();
     }
@@ -129,13 +101,15 @@ mod tests {
     /// Pixels of two rays have the variance of both.
     #[test]
     fn two_rays_are_two_halves() {
-        let mut pixel = <([Moments; 4], [Half; 2])>::default();
+        let (mut rgba, mut halves) = <([Moments; 4], [Half; 2])>::default();
+        let none = both(&rgba, &halves, true);
+        assert_eq!(variances(1, [none].iter())[0][0], f32::INFINITY);
         for (half, v) in [(0, 1.0), (1, 4.0)] {
-            pixel.0.iter_mut().for_each(|m| m.add(v));
-            pixel.1[half].add([v; 4]);
+            rgba.iter_mut().for_each(|m| m.add(v));
+            halves[half].add([v; 4]);
         }
-        assert_eq!(variances(1, [(&pixel.0, &pixel.1)].into_iter()), [[2.25; 4]]);
-        let none = <([Moments; 4], [Half; 2])>::default();
-        assert_eq!(variances(1, [(&none.0, &none.1)].into_iter())[0][0], f32::INFINITY);
+        for in_halves in [true, false] {
+            assert_eq!(variances(1, [both(&rgba, &halves, in_halves)].iter()), [[2.25; 4]]);
+        }
     }
 }

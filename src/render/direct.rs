@@ -1,29 +1,26 @@
-//! The renderer that a scene calls for, chosen while the program runs.
+//! Direct volume rendering of a scene, whose kind of volume is known while the program runs.
 
 use crate::error::{Error, Result};
-use crate::render;
-use crate::render::aov::{self, Aov};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
+use crate::render::film::{self, Aov, Rendered, Sampling, View};
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
 use crate::render::tiles::Watch;
-use crate::scene::camera::Camera;
-use crate::scene::film::Film;
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
 
-/// A renderer of any kind, over the scene's environment.
+/// A direct volume renderer over the scene's environment.
 #[derive(Debug)]
 #[allow(clippy::large_enum_variant, reason = "there is one at a time")]
-pub enum AnyRenderer<'a> {
+pub enum DirectRenderer<'a> {
     /// Renderer of a density.
     Density(Composited<Dvr<'a, f32>>),
     /// Renderer of a pre-shaded volume.
     PreShaded(Composited<Preshaded<'a, f32>>),
 }
 
-impl<'a> AnyRenderer<'a> {
+impl<'a> DirectRenderer<'a> {
     /// Creates the renderer of a scene; pre-shaded volumes have a quadrature of their own.
     ///
     /// # Errors
@@ -78,25 +75,17 @@ impl<'a> AnyRenderer<'a> {
         }
     }
 
-    /// Renders a picture as [`aov::picture_with`] does.
-    pub fn picture_with<'w>(
+    /// Renders a picture as [`film::render`] does.
+    pub fn render<'c, 'w>(
         &self,
-        camera: &Camera,
-        rays_per_edge: usize,
+        view: impl Into<View<'c>>,
+        sampling: Sampling,
         aovs: &[Aov],
         watch: impl Into<Watch<'w>>,
-    ) -> Option<Film> {
+    ) -> Option<Rendered> {
         match self {
-            Self::Density(dvr) => aov::picture_with(dvr, camera, rays_per_edge, aovs, watch),
-            Self::PreShaded(volume) => aov::picture_with(volume, camera, rays_per_edge, aovs, watch),
-        }
-    }
-
-    /// Renders a picture as [`render::picture`] does.
-    pub fn picture<'w>(&self, camera: &Camera, rays_per_edge: usize, watch: impl Into<Watch<'w>>) -> Option<Film> {
-        match self {
-            Self::Density(dvr) => render::picture(dvr, camera, rays_per_edge, watch),
-            Self::PreShaded(volume) => render::picture(volume, camera, rays_per_edge, watch),
+            Self::Density(dvr) => film::render(dvr, view, sampling, aovs, watch),
+            Self::PreShaded(volume) => film::render(volume, view, sampling, aovs, watch),
         }
     }
 }
@@ -119,7 +108,7 @@ mod tests {
         let volume = |medium: Medium| Volume::Density(field.clone(), medium);
         let refused = |volumes: Vec<Volume>| {
             let scene = Scene { volumes, ..Scene::default() };
-            AnyRenderer::new(&scene, Quadrature::Exact).map(|_| ()).map_err(|e| e.to_string())
+            DirectRenderer::new(&scene, Quadrature::Exact).map(|_| ()).map_err(|e| e.to_string())
         };
         let dark = || volume(Medium::absorbing(1.0));
         assert_eq!(refused(vec![dark()]), Ok(()));

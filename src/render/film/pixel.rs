@@ -1,0 +1,72 @@
+//! Sums over the rays and paths of a pixel.
+
+use super::halves::{self, Half};
+use crate::render::integrator::{First, Sample};
+use crate::scene::camera::Camera;
+use crate::scene::film::Moments;
+use glam::{DVec2, DVec3, DVec4, Vec3};
+
+/// Sums over a pixel's paths.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Pixel {
+    /// Red, green, blue and alpha, the means over the paths of each ray.
+    pub(super) rgba: [Moments; 4],
+    pub(super) optical_depth: f64,
+    pub(super) direct: DVec3,
+    pub(super) indirect: DVec3,
+    /// Rays of even and of odd number.
+    pub(super) halves: [Half; 2],
+    /// Over first collisions: their weight, and weighted by it the albedo, the normal, the position, the length along
+    /// the viewing axis.
+    pub(super) collided: f64,
+    pub(super) albedo: DVec3,
+    pub(super) normal: DVec3,
+    pub(super) position: DVec3,
+    pub(super) depth: f64,
+    /// Motion in the picture.
+    pub(super) motion: [DVec2; 2],
+}
+
+impl Pixel {
+    /// Adds what an estimate tells beside the color.
+    pub(super) fn add(&mut self, camera: &Camera, sample: &Sample) {
+        self.optical_depth += sample.optical_depth;
+        self.direct += sample.direct.as_dvec3();
+        self.indirect += sample.indirect.as_dvec3();
+        if let Some(first) = sample.first {
+            let share = f64::from(first.share);
+            self.collided += share;
+            self.albedo += share * first.albedo.as_dvec3();
+            self.position += share * first.position;
+            self.depth += share * (first.position - camera.position()).dot(camera.forward());
+        }
+    }
+
+    /// Adds the motion of a first collision, as [`View::motion`](super::View) gives it.
+    pub(super) fn add_motion(&mut self, first: &First, moved: [DVec2; 2]) {
+        self.motion.iter_mut().zip(moved).for_each(|(sum, v)| *sum += f64::from(first.share) * v);
+    }
+
+    /// Adds the mean color of a ray's estimates.
+    #[inline(always)]
+    pub(super) fn add_ray(&mut self, half: usize, rgba: [f64; 4]) {
+        self.rgba.iter_mut().zip(rgba).for_each(|(moments, v)| moments.add(v));
+        self.halves[half].add(rgba);
+    }
+
+    /// Returns the mean color and alpha.
+    #[inline(always)]
+    pub(super) fn rgba(&self) -> [f32; 4] {
+        self.rgba.map(|m| m.mean() as f32)
+    }
+
+    /// Returns the variances of the mean, as [`halves::both`] does.
+    pub(super) fn variances(&self, in_halves: bool) -> [DVec4; 2] {
+        halves::both(&self.rgba, &self.halves, in_halves)
+    }
+
+    /// Returns the mean over first collisions; 0 without any.
+    pub(super) fn mean(&self, sum: DVec3) -> Vec3 {
+        if self.collided > 0.0 { (sum / self.collided).as_vec3() } else { Vec3::ZERO }
+    }
+}

@@ -1,0 +1,40 @@
+//! The view that a picture shows: its camera, and what moves from frame to frame.
+
+use crate::render::integrator::First;
+use crate::scene::camera::Camera;
+use crate::scene::velocity::Velocity;
+use glam::{DVec2, DVec3};
+
+/// A camera, and where it stands in the frames before and after.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'c> {
+    /// Camera.
+    pub camera: &'c Camera,
+    /// Camera of the frame before, if there is one.
+    pub before: Option<&'c Camera>,
+    /// Camera of the frame after, if there is one.
+    pub after: Option<&'c Camera>,
+    /// Velocities of volumes, by the volume's number; others are at rest.
+    pub velocities: &'c [(usize, Velocity)],
+}
+
+impl<'c> From<&'c Camera> for View<'c> {
+    /// Creates the view of a picture that stands alone.
+    fn from(camera: &'c Camera) -> Self {
+        Self { camera, before: None, after: None, velocities: &[] }
+    }
+}
+
+impl View<'_> {
+    /// Returns how a collision that is seen at `now` moves in the picture with its volume: its place in the frame
+    /// before minus that now, and its place now minus that in the frame after, in pixels to the right and upwards.
+    pub(super) fn motion(&self, first: &First, now: DVec2) -> [DVec2; 2] {
+        let velocity = self.velocities.iter().find(|(volume, _)| *volume == first.volume);
+        let goes = velocity.map_or(DVec3::ZERO, |(_, velocity)| velocity.per_frame(first.position));
+        let from_now = |camera: Option<&Camera>, world: DVec3| {
+            let place = camera.unwrap_or(self.camera).project(world).map_or(now, |(place, _)| place);
+            DVec2::new(place.x - now.x, now.y - place.y)
+        };
+        [from_now(self.before, first.position - goes), -from_now(self.after, first.position + goes)]
+    }
+}
