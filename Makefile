@@ -37,7 +37,7 @@ PARALLEL := --numprocesses 2 --dist loadfile
 
 test: setup
 	cargo build --release --locked
-	cargo test --release --locked
+	cargo test --release --locked --workspace
 	.venvs/bpy/bin/python -m pytest $(PARALLEL) python/tests --ignore python/tests/usd --ignore python/tests/mitsuba --ignore python/tests/imaging
 	.venvs/usd/bin/python -m pytest python/tests/usd
 	.venvs/mitsuba/bin/python -m pytest python/tests/mitsuba
@@ -60,9 +60,9 @@ soak: ## random hard scenes, path-traced for ten minutes
 
 check: ## what is worth seeing before each commit; under three minutes once built
 	python/setup.sh build
-	cargo fmt --check
-	cargo clippy --release --locked --all-targets -- -D warnings
-	cargo test --release --locked --lib --bins
+	cargo fmt --all --check
+	cargo clippy --release --locked --workspace --all-targets -- -D warnings
+	cargo test --release --locked --workspace --lib --bins
 
 bench: build ## our figures against the goals, and tests/benches/RESULTS.md; PEERS="PEERS_ENV RTK_ENV" runs the peers too
 	python/setup.sh bench

@@ -152,7 +152,7 @@ impl Error {
     }
     /// Replaces the message, for instance to add to that of the operating system.
     #[must_use]
-    pub(crate) fn saying(mut self, what: impl Into<String>) -> Self {
+    pub fn saying(mut self, what: impl Into<String>) -> Self {
         self.0.what = what.into();
         self
     }
@@ -164,7 +164,7 @@ impl Error {
     }
     /// Names `shown` in place of the file `place`, for files that are read from another place than the user knows.
     #[must_use]
-    pub(crate) fn known_as(mut self, place: &Path, shown: &Path) -> Self {
+    pub fn known_as(mut self, place: &Path, shown: &Path) -> Self {
         if self.0.path.as_deref() == Some(place) {
             self.0.path = Some(shown.to_path_buf());
         }

@@ -18,27 +18,17 @@
 //! - A name `by_x` is a derivative of the loss with respect to x.
 
 pub mod app;
-pub mod arch;
-pub mod cancel;
 pub mod cli;
-pub mod denoise;
-pub mod differentiate;
-pub(crate) mod dual;
-pub mod error;
 pub mod formats;
 pub mod guide;
-pub mod inverse;
-pub mod math;
-pub mod metrics;
-pub(crate) mod ordered;
-pub mod plan;
 pub mod prelude;
 pub mod process;
-pub mod real;
-pub mod render;
 pub mod report;
-pub mod scene;
-pub mod text;
-pub mod wording;
+
+pub(crate) use cumulo_kernels::ordered;
+#[doc(inline)]
+pub use cumulo_kernels::{
+    arch, cancel, denoise, differentiate, error, inverse, math, metrics, plan, real, render, scene, text, wording,
+};
 
 pub use error::{Error, Result};

@@ -106,7 +106,7 @@ pub struct Affine {
 
 impl Affine {
     /// True if no entry of the maps differs by more than 1e-9 of the largest.
-    pub(crate) fn is_close(&self, other: &Self) -> bool {
+    pub fn is_close(&self, other: &Self) -> bool {
         let most = self.forward.to_cols_array().iter().fold(0.0, |a: f64, v| a.max(v.abs()));
         self.forward.abs_diff_eq(other.forward, 1e-9 * most)
     }
@@ -190,7 +190,7 @@ impl Affine {
         DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length())
     }
     /// World-space bounding box of an index-space box.
-    pub(crate) fn box_to_world(&self, index: Aabb) -> Aabb {
+    pub fn box_to_world(&self, index: Aabb) -> Aabb {
         if index.is_empty() {
             return Aabb::EMPTY;
         }

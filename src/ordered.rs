@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 ///
 /// # Errors
 /// If an item fails: the first that does, in the order of the items.
-pub(crate) fn try_map<T: Send, R: Send>(
+pub fn try_map<T: Send, R: Send>(
     items: impl IndexedParallelIterator<Item = T>,
     one: impl Fn(T) -> Result<R> + Sync + Send,
 ) -> Result<Vec<R>> {

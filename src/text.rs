@@ -8,6 +8,8 @@ use std::borrow::Cow;
 use std::fmt::Write;
 
 /// Has a type serialised as the text that its `Display` writes and its `FromStr` reads.
+#[macro_export]
+#[doc(hidden)]
 macro_rules! serde_as_text {
     ($kind:ty) => {
         impl serde::Serialize for $kind {
@@ -24,7 +26,7 @@ macro_rules! serde_as_text {
         }
     };
 }
-pub(crate) use serde_as_text;
+pub use serde_as_text;
 
 /// Formats a number of bytes in B, KiB, MiB or GiB.
 pub fn bytes(count: u64) -> String {
@@ -39,7 +41,7 @@ pub fn bytes(count: u64) -> String {
 }
 
 /// Quotes a word of a command line for a shell, if it needs quotes.
-pub(crate) fn shell_quoted(word: &str) -> Cow<'_, str> {
+pub fn shell_quoted(word: &str) -> Cow<'_, str> {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+%@".contains(c);
     match !word.is_empty() && word.chars().all(plain) {
         true => Cow::Borrowed(word),
@@ -59,18 +61,18 @@ pub fn acts(c: char) -> bool {
 
 /// Escapes every character that [`acts`] as Rust does, such as `\u{1b}` or `\n`, so that the text stays on one line. A
 /// name with a line feed therefore cannot pass for a line of its own.
-pub(crate) fn printable(text: &str) -> Cow<'_, str> {
+pub fn printable(text: &str) -> Cow<'_, str> {
     escaped(text, acts)
 }
 
 /// Escapes every character that [`acts`], except line feeds and tabs.
-pub(crate) fn printable_lines(text: &str) -> Cow<'_, str> {
+pub fn printable_lines(text: &str) -> Cow<'_, str> {
     escaped(text, |c| acts(c) && c != '\n' && c != '\t')
 }
 
 /// Escapes every character of a JSON document that [`acts`], except line feeds, as JSON does (`\u009b`). The document's
 /// value does not change.
-pub(crate) fn printable_json(json: &str) -> Cow<'_, str> {
+pub fn printable_json(json: &str) -> Cow<'_, str> {
     let escaped = |c: char| acts(c) && c != '\n';
     if !json.contains(escaped) {
         return Cow::Borrowed(json);
@@ -101,7 +103,7 @@ fn escaped(text: &str, bad: impl Fn(char) -> bool) -> Cow<'_, str> {
 }
 
 /// Writes ascending numbers with runs as ranges: `1-3, 7`.
-pub(crate) fn ranges(numbers: impl IntoIterator<Item = u32>) -> String {
+pub fn ranges(numbers: impl IntoIterator<Item = u32>) -> String {
     let mut runs: Vec<(u32, u32)> = Vec::new();
     for number in numbers {
         match runs.last_mut().filter(|(_, last)| last.checked_add(1) == Some(number)) {

@@ -42,12 +42,12 @@ pub fn speak_as(face: Face) {
 const BRACKETS: [char; 2] = ['⟨', '⟩'];
 
 /// Returns a text with its settings named by the words of this process's face.
-pub(crate) fn worded(text: &str) -> Cow<'_, str> {
+pub fn worded(text: &str) -> Cow<'_, str> {
     worded_by(text, FACE.get().copied().unwrap_or(|_| None))
 }
 
 /// Returns texts with their settings named by the words of this process's face.
-pub(crate) fn all_worded(texts: Vec<String>) -> Vec<String> {
+pub fn all_worded(texts: Vec<String>) -> Vec<String> {
     texts.into_iter().map(|text| worded(&text).into_owned()).collect()
 }
 

@@ -3,6 +3,7 @@
 use super::args::read_as;
 use super::memory::Memory;
 use super::parse;
+use super::values::choice;
 use crate::app::gradient::{GradientSettings, LossName, Wrt};
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
@@ -50,7 +51,7 @@ struct GradientArgs {
     up: UpChoice,
     /// Model of the pictures (default: that of --target, emission-absorption with a transfer function or --emission,
     /// else absorption)
-    #[arg(long, value_enum, conflicts_with = "tf")]
+    #[arg(long, value_parser = choice::<Model>(), conflicts_with = "tf")]
     model: Option<Model>,
     /// Size of the pictures of --views in pixels
     #[arg(long, value_name = "WxH", default_value = "64x64", value_parser = parse::size, conflicts_with = "target")]
@@ -66,7 +67,7 @@ struct GradientArgs {
     #[arg(long, value_name = "R,G,B", value_parser = parse::color, conflicts_with = "tf")]
     emission: Option<[f32; 3]>,
     /// How that radiance follows the density (default: that of --target, else grey: not at all)
-    #[arg(long, value_enum, conflicts_with = "tf", requires = "emission")]
+    #[arg(long, value_parser = choice::<EmissionModel>(), conflicts_with = "tf", requires = "emission")]
     emission_model: Option<EmissionModel>,
     #[command(flatten)]
     transfer: TransferSettings,
@@ -82,10 +83,10 @@ struct GradientArgs {
     )]
     quadrature: Quadrature,
     /// Forward or backward; auto goes by the number of parameters and the loss
-    #[arg(long, value_enum, default_value_t = Mode::Auto)]
+    #[arg(long, value_parser = choice::<Mode>(), default_value = "auto")]
     mode: Mode,
     /// How the backward pass gets at its samples (default: tape, or replay for losses of whole pictures)
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = choice::<Adjoint>())]
     adjoint: Option<Adjoint>,
     /// Set a difference quotient beside each derivative, both in double precision
     #[arg(long)]

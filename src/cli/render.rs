@@ -2,6 +2,7 @@
 
 use super::args::read_as;
 use super::parse;
+use super::values::choice;
 use crate::app::pictures::PictureSettings;
 use crate::app::render::RenderSettings;
 use crate::formats::sequence::Frames;
@@ -37,7 +38,7 @@ struct RenderArgs {
     #[arg(long, conflicts_with = "overwrite")]
     resume: bool,
     /// Planes to write beside RGBA, one or more
-    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    #[arg(long, value_parser = choice::<Aov>(), value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
     /// Grid of the volume's velocities in world units per second, for --aov motion
     #[arg(long, value_name = "GRID")]

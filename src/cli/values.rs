@@ -19,11 +19,28 @@ use crate::render::film::Aov;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
 use clap::ValueEnum;
-use clap::builder::PossibleValue;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+
+/// A type of the kernels' crate with names on the command line, as clap's `ValueEnum` is one of this crate.
+pub(super) trait Choice: Clone + Send + Sync + 'static {
+    /// Returns all values.
+    fn value_variants<'a>() -> &'a [Self];
+    /// Returns the name of the value with its help.
+    fn to_possible_value(&self) -> Option<PossibleValue>;
+}
+
+/// Returns the parser of a type by its names.
+pub(super) fn choice<T: Choice>() -> impl TypedValueParser<Value = T> {
+    let possible = T::value_variants().iter().filter_map(T::to_possible_value);
+    PossibleValuesParser::new(possible).try_map(|name| {
+        let named = |value: &&T| value.to_possible_value().is_some_and(|possible| possible.matches(&name, false));
+        T::value_variants().iter().find(named).cloned().ok_or("no such value")
+    })
+}
 
 macro_rules! value_enum {
-    ($kind:ty { $($variant:ident: $name:literal $(or $alias:literal)* $(, $help:literal)?;)* }) => {
-        impl ValueEnum for $kind {
+    ($names:ident for $kind:ty { $($variant:ident: $name:literal $(or $alias:literal)* $(, $help:literal)?;)* }) => {
+        impl $names for $kind {
             fn value_variants<'a>() -> &'a [Self] {
                 &[$(Self::$variant),*]
             }
@@ -37,7 +54,7 @@ macro_rules! value_enum {
     };
 }
 
-value_enum!(Model {
+value_enum!(Choice for Model {
     Absorption: "absorption", "`T · background`";
     EmissionAbsorption: "emission-absorption", "`∫ T σ c dt + T · background`";
     PreShaded: "pre-shaded",
@@ -45,12 +62,12 @@ value_enum!(Model {
     Scattering: "scattering", "Light that is scattered any number of times: see --albedo";
 });
 
-value_enum!(EmissionModel {
+value_enum!(Choice for EmissionModel {
     Grey: "grey", "The same everywhere";
     Linear: "linear", "Proportional to the density";
 });
 
-value_enum!(Aov {
+value_enum!(Choice for Aov {
     Variance: "variance", "Variance of the mean over a pixel's rays: variance.R, .G, .B and .A";
     OpticalDepth: "optical-depth", "Optical depth, the mean over a pixel's rays: optical_depth.V";
     Direct: "direct", "Light scattered once: Volume Direct.R, .G and .B (path tracing)";
@@ -65,28 +82,28 @@ value_enum!(Aov {
     Halves: "halves", "Radiance of two independent halves of the paths: half_a.R, …, half_b.B (path tracing)";
 });
 
-value_enum!(Layout {
+value_enum!(Choice for Layout {
     Sphere: "sphere", "Over the whole sphere, by the golden angle: evenly, and no two along one line";
     Ring: "ring", "On the horizontal circle around the up axis";
 });
 
-value_enum!(ResampleFilter {
+value_enum!(ValueEnum for ResampleFilter {
     Box: "box", "Mean over the new voxels' cells: the sum of value times volume is kept";
     Trilinear: "trilinear", "Trilinear interpolation at the new voxels' centres";
 });
 
-value_enum!(Codec {
+value_enum!(ValueEnum for Codec {
     Blosc: "blosc", "Blosc: fast, smaller";
     None: "none", "Active values as they are";
 });
 
-value_enum!(Mode {
+value_enum!(Choice for Mode {
     Auto: "auto", "By the number of parameters and the loss";
     Reverse: "reverse" or "adjoint", "Backward: all parameters at once";
     Forward: "forward" or "tangent", "Forward: dual numbers, a few parameters at a time";
 });
 
-value_enum!(Wrt {
+value_enum!(ValueEnum for Wrt {
     Step: "step", "The quadrature's step, in voxels";
     Camera: "camera", "Position, rotation, focal lengths and principal point of each view";
     Tf: "tf", "The transfer function's parameters";
@@ -96,7 +113,7 @@ value_enum!(Wrt {
     Extinction: "extinction", "Extinction per unit of density";
 });
 
-value_enum!(LossName {
+value_enum!(ValueEnum for LossName {
     L1: "l1", "|c - c'|";
     L2: "l2", "(c - c')²";
     Huber: "huber", "Quadratic for small differences, linear for large ones";
@@ -106,20 +123,20 @@ value_enum!(LossName {
     Mean: "mean", "The colors themselves";
 });
 
-value_enum!(Adjoint {
+value_enum!(Choice for Adjoint {
     Tape: "tape", "A tape of one ray";
     Replay: "replay", "Walk the ray twice";
     Inversion: "inversion", "Weiss & Westermann's inversion of the blend";
 });
 
-value_enum!(UpChoice {
+value_enum!(ValueEnum for UpChoice {
     Auto: "auto", "Axis that the metadata of the VDB or of the scene's VDBs (Houdini and Maya: y, Blender: z) or the \
                    stage's upAxis state, else z";
     Y: "y", "+Y, as in Houdini and Maya";
     Z: "z", "+Z, as in Blender";
 });
 
-value_enum!(Filter {
+value_enum!(ValueEnum for Filter {
     Wrls2: "wrls2", "Guided filter in space and time, of the frames before and after";
     Wrls: "wrls", "Weighted recursive least squares as published by Iglesias-Guitian et al. 2020";
     Rls: "rls", "Recursive least squares without weights against outliers";
@@ -127,99 +144,99 @@ value_enum!(Filter {
     Ema: "ema", "Exponential moving average, clamped to the colors around";
 });
 
-value_enum!(Direction {
+value_enum!(ValueEnum for Direction {
     Both: "both", "Frames before and after the frame";
     Forward: "forward", "Frames before the frame alone, in two thirds of the time";
 });
 
-value_enum!(Guide {
+value_enum!(ValueEnum for Guide {
     Alpha: "alpha", "Alpha: of the files of the motion, else of the layer, else of the beauty; it does not count where \
                      it is noisy";
     None: "none", "The colors alone";
 });
 
-value_enum!(Cuts {
+value_enum!(ValueEnum for Cuts {
     Auto: "auto", "Find them by how much the picture changes";
     None: "none", "The sequence is one shot";
 });
 
-value_enum!(Form {
+value_enum!(ValueEnum for Form {
     Fog: "fog", "Densities: 0 outside, 1 inside, with a ramp across the inner half of the narrow band";
     LevelSet: "level-set", "Distances to the surface of one density, negative inside";
 });
 
-value_enum!(density::Choice {
+value_enum!(ValueEnum for density::Choice {
     Auto: "auto";
     Cg: "cg", "Conjugate gradients in the smoothness prior's metric";
     Weiss2021: "weiss2021" or "paper", "Adam as in Weiss & Westermann (2021)";
 });
 
-value_enum!(density::Loss {
+value_enum!(ValueEnum for density::Loss {
     Huber: "huber";
     L2: "l2";
 });
 
-value_enum!(transfer::Choice {
+value_enum!(ValueEnum for transfer::Choice {
     Auto: "auto";
     Weiss2021: "weiss2021" or "paper", "Adam as in Weiss & Westermann (2021); colors lie between 0 and 1";
 });
 
-value_enum!(Refined {
+value_enum!(ValueEnum for Refined {
     Pose: "pose", "Position and rotation of each camera";
     Focal: "focal", "These, and a factor of the focal length that all cameras share";
 });
 
-value_enum!(Convention {
+value_enum!(ValueEnum for Convention {
     Blender: "blender", "Blender: density, temperature, flame, color, velocity";
     Houdini: "houdini", "Houdini: density, temperature, flame, Cd, vel";
     Arnold: "arnold", "Arnold: density, temperature; it has no names of its own for the others";
     Karma: "karma", "Karma: density, temperature, flame, Cd, vel";
 });
 
-value_enum!(UpTarget {
+value_enum!(ValueEnum for UpTarget {
     Auto: "auto", "The world lies as it did: nothing is turned";
     Y: "y", "+Y, as in Houdini and Maya";
     Z: "z", "+Z, as in Blender";
 });
 
-value_enum!(Repair {
+value_enum!(ValueEnum for Repair {
     Auto: "auto", "Fog volumes hold densities, other grids any values";
     Density: "density", "All grids hold densities";
 });
 
-value_enum!(Which {
+value_enum!(ValueEnum for Which {
     A: "a", "The first picture";
     B: "b", "The second picture";
 });
 
-value_enum!(GridType {
+value_enum!(ValueEnum for GridType {
     Auto: "auto", "32-bit integers for images of integers that stay so, else 32-bit floats";
     Float: "float", "32-bit floats";
     Double: "double", "64-bit floats";
     Int: "int", "32-bit integers";
 });
 
-value_enum!(Axes {
+value_enum!(ValueEnum for Axes {
     Xyz: "xyz", "array[x, y, z]";
     Zyx: "zyx", "array[z, y, x]";
 });
 
-value_enum!(Endian {
+value_enum!(ValueEnum for Endian {
     Little: "little", "Least significant first";
     Big: "big", "Most significant first";
 });
 
-value_enum!(Target {
+value_enum!(ValueEnum for Target {
     Transforms: "transforms", "A transforms.json";
     Colmap: "colmap", "A text model of COLMAP in sparse/0, with the pictures in images";
 });
 
-value_enum!(Masked {
+value_enum!(ValueEnum for Masked {
     Used: "used", "They are used as if there were no mask";
     Background: "background", "They become the background of the capture, as if nothing were before it";
 });
 
-value_enum!(Renderer {
+value_enum!(ValueEnum for Renderer {
     None: "none", "None: each shows densities as it does by default";
     Arnold: "arnold", "Arnold";
     Cycles: "cycles", "Cycles as a Hydra delegate";

@@ -35,7 +35,7 @@ impl Ahead {
     }
 
     /// Bytes of the histories of a pixel.
-    pub(crate) const PIXEL_BYTES: usize = 2 * PLANES + size_of::<Halved>() / LANES;
+    pub const PIXEL_BYTES: usize = 2 * PLANES + size_of::<Halved>() / LANES;
 
     /// Writes the means of a row of these histories and those over the frames before. `before` holds lines of `line`
     /// numbers, plane after plane, and so does `to`. The last plane is the sum of the frames.

@@ -9,7 +9,7 @@ const BEYOND_NOISE: f64 = 4.0;
 
 /// Returns the root mean square over blocks by which two alphas of `width` columns differ beyond their noise; `None` if
 /// they agree, or one of them is opaque everywhere, so that it shows nothing.
-pub(crate) fn contradiction(a: &[f32], b: &[f32], width: usize) -> Option<f32> {
+pub fn contradiction(a: &[f32], b: &[f32], width: usize) -> Option<f32> {
     let shows = |alpha: &[f32]| alpha.iter().any(|v| *v < 1.0);
     if width == 0 || a.len() != b.len() || !shows(a) || !shows(b) {
         return None;

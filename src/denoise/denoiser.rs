@@ -26,7 +26,7 @@ pub enum Method {
 
 impl Method {
     /// True if the frames that follow a frame are used, too.
-    pub(crate) fn looks_ahead(self) -> bool {
+    pub fn looks_ahead(self) -> bool {
         self == Self::Wrls2
     }
 }
@@ -63,7 +63,7 @@ impl Denoiser {
     /// Returns the denoiser so that it maps the noise that comes in and the error that is left around each pixel, as
     /// far as [`Method::Wrls2`] can tell them; the other methods cannot.
     #[must_use]
-    pub(crate) fn with_map(mut self) -> Self {
+    pub fn with_map(mut self) -> Self {
         if let Engine::Guided(engine) = &mut self.0 {
             engine.mapped = true;
         }
@@ -71,7 +71,7 @@ impl Denoiser {
     }
 
     /// Forgets all, as at a cut.
-    pub(crate) fn reset(&mut self) {
+    pub fn reset(&mut self) {
         match &mut self.0 {
             Engine::Guided(engine) => engine.reset(),
             Engine::Wrls(engine) => engine.reset(),

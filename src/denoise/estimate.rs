@@ -143,12 +143,12 @@ impl Estimate {
 
     /// Returns the share of the picture, as far as it is not empty, that is much as it was: it has no noise, or the
     /// frames around do not show it.
-    pub(crate) fn as_it_was(&self) -> f64 {
+    pub fn as_it_was(&self) -> f64 {
         self.as_it_was / self.blocks.max(1.0)
     }
 
     /// Returns the root mean square of the denoised colors.
-    pub(crate) fn level(&self) -> f64 {
+    pub fn level(&self) -> f64 {
         self.root(self.power)
     }
 

@@ -30,7 +30,7 @@ pub struct Lookahead {
 
 impl Lookahead {
     /// Forgets all, as at a cut, and frees the memory.
-    pub(crate) fn reset(&mut self) {
+    pub fn reset(&mut self) {
         *self = Self::default();
     }
 

@@ -39,13 +39,13 @@ mod ring;
 mod settings;
 mod signal;
 mod smoothing;
-pub(crate) mod still;
+pub mod still;
 pub(crate) mod svgf;
 mod vectors;
 pub(crate) mod wrls;
 
 pub use ahead::Ahead;
-pub(crate) use contradiction::contradiction;
+pub use contradiction::contradiction;
 pub use denoiser::{Denoiser, Method};
 pub use estimate::Estimate;
 pub use frame::{Denoised, Frame};

@@ -31,7 +31,7 @@ impl Settings {
     ///
     /// # Errors
     /// If a constant is out of its range.
-    pub(crate) fn checked(self) -> Result<Self> {
+    pub fn checked(self) -> Result<Self> {
         let Self { history, bandwidth, forgetting, spread, likeness, .. } = self;
         let named = [
             ("history", history, (0.0..1.0).contains(&history)),

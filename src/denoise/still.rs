@@ -22,7 +22,7 @@ const ALONE: f32 = 1e-6;
 
 /// Gives back what was taken away of a picture that is free of noise, or nearly so. Pixels that were filled in stay as
 /// they are.
-pub(crate) fn keep_detail(frame: &Frame<'_>, denoised: &mut Denoised) {
+pub fn keep_detail(frame: &Frame<'_>, denoised: &mut Denoised) {
     let share = noise_of(frame, &denoised.color) as f32;
     if share >= 1.0 {
         return;

@@ -10,4 +10,4 @@
 
 pub mod gradient;
 pub mod loss;
-pub(crate) mod study;
+pub mod study;

@@ -28,7 +28,7 @@ use std::time::Instant;
 
 /// Result of a color reconstruction.
 #[derive(Debug, Clone)]
-pub(crate) struct Shaded {
+pub struct Shaded {
     /// Radiance emitted per world length in R, G and B, and extinction.
     pub volume: Bricks<Vec4>,
     /// Every iteration; those of the extinctions come first.
@@ -63,7 +63,7 @@ const NOISY_PASSES: u32 = 3;
 ///
 /// # Errors
 /// If alpha is 0 everywhere, the pictures leave no unknown, or the unknowns do not fit in memory.
-pub(crate) fn reconstruct(
+pub fn reconstruct(
     photos: &[Photo],
     observation: &Observation,
     request: &Request,
@@ -128,7 +128,7 @@ pub(crate) fn reconstruct(
 }
 
 /// Returns the largest number of iterations of a run, over all levels of extinctions and colors.
-pub(crate) fn most_iterations(observation: &Observation, request: &Request) -> u64 {
+pub fn most_iterations(observation: &Observation, request: &Request) -> u64 {
     let coarse = lattice::coarser_levels(&request.lattice, &request.bounds, COARSEST) * COARSE_ITERATIONS;
     multilevel::most_iterations(observation, request) + u64::from(coarse + ITERATIONS)
 }

@@ -27,7 +27,7 @@ pub struct Cost {
 
 /// Method by which unknowns are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Method {
+pub enum Method {
     /// Conjugate gradients on densities.
     Cg,
     /// Adam on densities.
@@ -54,7 +54,7 @@ const STEP_SECONDS: f64 = 1.6e-8;
 impl Cost {
     /// The cost of the finest level, with the share of the coarser ones in the time. `pixels` are those of all
     /// pictures, `steps` the iterations or epochs.
-    pub(crate) fn new(method: Method, survey: &Survey, request: &Request, pixels: u64, steps: u64) -> Self {
+    pub fn new(method: Method, survey: &Survey, request: &Request, pixels: u64, steps: u64) -> Self {
         let pictures = pixels as f64;
         let rays = pictures * (request.rays_per_edge * request.rays_per_edge) as f64;
         let (stored, owned) = ((BRICK * size_of::<f32>()) as f64, (LEAF_VOXELS * size_of::<f32>()) as f64);
@@ -94,7 +94,7 @@ impl Cost {
 
     /// The cost of a transfer function of so many texels, through a volume of so many stored voxels that is there
     /// already; `walked` are the voxels along all rays that are drawn.
-    pub(crate) fn of_function(texels: usize, voxels: usize, pixels: usize, walked: f64, steps: u32) -> Self {
+    pub fn of_function(texels: usize, voxels: usize, pixels: usize, walked: f64, steps: u32) -> Self {
         // Sums of 16 partitions (twice four numbers of four bytes each pair of texels), and four matrices of all
         // unknowns.
         let (pairs, count) = ((texels * texels) as f64, (4 * texels) as f64);
@@ -114,7 +114,7 @@ impl Cost {
     ///
     /// # Errors
     /// If more than `max_memory` bytes would be needed.
-    pub(crate) fn fits(&self, max_memory: u64) -> Result<()> {
+    pub fn fits(&self, max_memory: u64) -> Result<()> {
         if self.memory_mb * MB <= max_memory as f64 {
             return Ok(());
         }

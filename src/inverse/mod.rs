@@ -11,16 +11,16 @@
 //! [`density`], `color`, `through_transfer`, `transfer`, [`pose`], [`viewpoint`], [`refinement`], `cost`. Each
 //! may use those before it and [`differentiate`](crate::differentiate), which knows none of them.
 
-pub(crate) mod color;
-pub(crate) mod cost;
+pub mod color;
+pub mod cost;
 pub mod density;
 pub mod observation;
 pub mod pose;
-pub(crate) mod progress;
+pub mod progress;
 pub mod projection;
 pub mod refinement;
 pub mod region;
 pub mod solver;
-pub(crate) mod through_transfer;
-pub(crate) mod transfer;
+pub mod through_transfer;
+pub mod transfer;
 pub mod viewpoint;

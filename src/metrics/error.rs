@@ -37,13 +37,13 @@ pub(crate) fn colors(a: &Film, b: &Film, pixels: usize) -> Errors {
 }
 
 /// Peak signal-to-noise ratio in dB of a mean squared error; infinite where the error is 0.
-pub(crate) fn psnr_db(mse: f64, peak: f64) -> f64 {
+pub fn psnr_db(mse: f64, peak: f64) -> f64 {
     if mse == 0.0 { f64::INFINITY } else { 10.0 * (peak * peak / mse).log10() }
 }
 
 /// Peak signal-to-noise ratio in dB of a mean squared error, peak 1; at most 200 dB, beyond which differences are those
 /// of rounding.
-pub(crate) fn unit_psnr_db(mse: f64) -> f64 {
+pub fn unit_psnr_db(mse: f64) -> f64 {
     -10.0 * mse.max(1e-20).log10()
 }
 

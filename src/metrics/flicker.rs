@@ -5,7 +5,7 @@ use crate::scene::film::Film;
 /// Returns the mean squared error of the change from one frame to the next, over pixels and color channels:
 /// `(a₁ - a₀) - (b₁ - b₀)` for the sequence a and its reference b. Pixels that are not finite in one of the four are
 /// left out.
-pub(crate) fn error([a0, a1]: [&Film; 2], [b0, b1]: [&Film; 2]) -> f64 {
+pub fn error([a0, a1]: [&Film; 2], [b0, b1]: [&Film; 2]) -> f64 {
     let pixels = a0.rgba.iter().zip(&a1.rgba).zip(b0.rgba.iter().zip(&b1.rgba));
     let (mut sum, mut count) = (0.0, 0_u64);
     for ((p, q), (r, s)) in pixels {

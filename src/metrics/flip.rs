@@ -4,11 +4,11 @@
 use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageRgb8, FlipPool, flip};
 
 /// Memory in bytes that a pixel needs while the difference is computed: pictures in several color spaces, and filtered.
-pub(crate) const PIXEL_BYTES: u64 = 256;
+pub const PIXEL_BYTES: u64 = 256;
 
 /// Returns the mean FLIP of a picture against a reference: 0 for none, 1 for the largest difference. Both are display
 /// values (sRGB), three bytes per pixel, as 67 pixels per degree of the view show them.
-pub(crate) fn mean(picture: &[u8], reference: &[u8], [width, height]: [u32; 2]) -> f64 {
+pub fn mean(picture: &[u8], reference: &[u8], [width, height]: [u32; 2]) -> f64 {
     let [picture, reference] = [picture, reference].map(|data| FlipImageRgb8::with_data(width, height, data));
     FlipPool::from_image(&flip(reference, picture, DEFAULT_PIXELS_PER_DEGREE)).mean().into()
 }

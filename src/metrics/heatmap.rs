@@ -20,7 +20,7 @@ const STOPS: [[f64; 3]; 9] = [
 /// for.
 /// The heat map has three bytes per pixel. Its brightest color stands for the largest finite difference (0 for
 /// identical pictures) and marks pixels that are not finite. Both films must have equal size.
-pub(crate) fn difference_rgb8(a: &Film, b: &Film) -> (Vec<u8>, f64) {
+pub fn difference_rgb8(a: &Film, b: &Film) -> (Vec<u8>, f64) {
     let differences = differences(a, b);
     let scale = differences.iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
     (shade_rgb8(&differences, scale), scale)
@@ -28,7 +28,7 @@ pub(crate) fn difference_rgb8(a: &Film, b: &Film) -> (Vec<u8>, f64) {
 
 /// Largest absolute color difference of each pixel; infinite where a difference is NaN. Both films must have equal
 /// size.
-pub(crate) fn differences(a: &Film, b: &Film) -> Vec<f64> {
+pub fn differences(a: &Film, b: &Film) -> Vec<f64> {
     let difference = |(p, q): (&[f32; 4], &[f32; 4])| {
         let d = (0..3).map(|c| (f64::from(p[c]) - f64::from(q[c])).abs());
         if d.clone().any(f64::is_nan) { f64::INFINITY } else { d.fold(0.0, f64::max) }
@@ -38,7 +38,7 @@ pub(crate) fn differences(a: &Film, b: &Film) -> Vec<f64> {
 
 /// Colors of differences, three bytes each; `scale` and all larger differences have the brightest color. Pictures
 /// painted with one scale can be compared with each other.
-pub(crate) fn shade_rgb8(differences: &[f64], scale: f64) -> Vec<u8> {
+pub fn shade_rgb8(differences: &[f64], scale: f64) -> Vec<u8> {
     let shade = |d: f64| {
         if d == f64::INFINITY {
             1.0

@@ -3,10 +3,10 @@
 //! Pictures are compared by their color channels in scene-linear values; alpha has a separate figure. Pixels in which
 //! either picture has a NaN or infinite sample are left out and counted.
 
-pub(crate) mod error;
-pub(crate) mod flicker;
-pub(crate) mod flip;
-pub(crate) mod heatmap;
+pub mod error;
+pub mod flicker;
+pub mod flip;
+pub mod heatmap;
 pub(crate) mod ssim;
 pub mod statistical;
 pub mod volume;
@@ -63,7 +63,7 @@ pub fn peak(reference: &Film) -> f64 {
 }
 
 /// Upper bound in bytes of the memory that [`compare`] and a heat map of films of this size need beside the films.
-pub(crate) fn working_memory(width: usize, height: usize) -> u64 {
+pub fn working_memory(width: usize, height: usize) -> u64 {
     // Both films are copied where pixels are left out, and one plane of each is extracted. A heat map is made after
     // these are freed and needs less: differences, colors and the PNG.
     const PER_PIXEL: u64 = 2 * 16 + 2 * 4;

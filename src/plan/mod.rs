@@ -8,7 +8,7 @@ mod bounds;
 mod depth;
 mod effect;
 mod measured;
-pub(crate) mod pilot;
+pub mod pilot;
 mod planner;
 
 pub use effect::Effect;

@@ -20,7 +20,7 @@ const ROUNDS: usize = 3;
 
 /// Cost of a plan.
 #[derive(Debug, Clone, Copy, serde::Serialize, schemars::JsonSchema)]
-pub(crate) struct Cost {
+pub struct Cost {
     /// Seconds for each ray or path, on as many threads as there are.
     pub seconds_per_path: f64,
     /// Rays or paths of a picture.
@@ -44,7 +44,7 @@ fn small(camera: &Camera) -> Camera {
 ///
 /// # Errors
 /// If a medium or a light cannot be used.
-pub(crate) fn run(
+pub fn run(
     plan: &mut Plan,
     simplified: &Scene,
     camera: &Camera,

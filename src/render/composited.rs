@@ -110,7 +110,7 @@ impl<I: EmissionAbsorption> Composited<I> {
 
 impl<I: EmissionAbsorption<Real = f32>> Composited<I> {
     /// Returns RGBA of one pixel, the mean over its rays.
-    pub(crate) fn mean(&self, camera: &Camera, rays: Subpixels, at: [usize; 2], scratch: &mut I::Scratch) -> [f32; 4] {
+    pub fn mean(&self, camera: &Camera, rays: Subpixels, at: [usize; 2], scratch: &mut I::Scratch) -> [f32; 4] {
         let (mut mean, share) = ([0.0; 4], 1.0 / rays.count() as f32);
         for [x, y] in rays.positions(at) {
             let rgba = self.pixel_on(&camera.ray(x, y), scratch).rgba();

@@ -28,6 +28,6 @@ pub mod preshaded;
 pub mod quadrature;
 pub mod renderer;
 pub mod sampler;
-pub(crate) mod scale;
+pub mod scale;
 pub(crate) mod segment;
-pub(crate) mod tiles;
+pub mod tiles;

@@ -18,7 +18,7 @@ const PIXELS: u32 = 64;
 /// Returns the extinction per unit of density (or factor of the transfer function's) at which the 99th percentile of
 /// the optical depth, over the pixels of all cameras that meet any density, is 3. About 64 pixels along the shorter
 /// edge of each picture are sampled. `None` if no pixel meets anything.
-pub(crate) fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -> Option<f64> {
+pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -> Option<f64> {
     let dvr = Dvr::new(field, Medium::new(1.0, source.clone())).ok()?.early_stop(0.0);
     let depths = depths(&dvr, cameras);
     let depth = depths.get((depths.len().saturating_sub(1) as f64 * SHARE).round() as usize)?;

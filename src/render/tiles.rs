@@ -27,7 +27,7 @@ impl<'w> From<&'w Cancel> for Watch<'w> {
 
 /// Applies `work` to each unit, with scratch memory for each unit at work, and returns the results in the units' order;
 /// `None` if `cancel` was set before all were done.
-pub(crate) fn map<U: Sync, S, T: Send>(
+pub fn map<U: Sync, S, T: Send>(
     units: &[U],
     cancel: &Cancel,
     scratch: impl Fn() -> S + Sync + Send,

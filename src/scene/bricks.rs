@@ -12,7 +12,7 @@ use crate::real::Real;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use crate::scene::sources::Sources;
 use crate::scene::topology;
-pub(crate) use crate::scene::topology::CELLS;
+pub use crate::scene::topology::CELLS;
 pub use crate::scene::topology::{BRICK, EDGE, NONE, Topology, Voxel, slot};
 use glam::{DVec3, IVec3, Vec4};
 use rayon::prelude::*;
@@ -399,7 +399,7 @@ impl<R: Real> Bricks<R> {
 }
 
 /// The error that `bytes` of memory are needed where `limit` are allowed.
-pub(crate) fn too_large(bytes: u64, limit: u64) -> Error {
+pub fn too_large(bytes: u64, limit: u64) -> Error {
     Error::unsupported(format!("needs {} MiB in memory, {} MiB are allowed", bytes.div_ceil(1 << 20), limit >> 20))
         .coded(Code::MemoryLimit)
         .hint("raise ⟨max_memory⟩, or reduce the grid with ⟨convert.crop⟩ or ⟨convert.resample⟩")

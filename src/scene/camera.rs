@@ -75,7 +75,7 @@ impl Camera {
     ///
     /// # Errors
     /// If the part is not within the picture.
-    pub(crate) fn cropped(self, Window { origin, size }: Window) -> Result<Self> {
+    pub fn cropped(self, Window { origin, size }: Window) -> Result<Self> {
         let whole = [self.width, self.height];
         if (0..2).any(|a| origin[a].checked_add(size[a]).is_none_or(|end| end > whole[a])) {
             let [[x, y], [w, h]] = [origin, size];
@@ -92,7 +92,7 @@ impl Camera {
     /// Returns the camera with another size of picture. Focal lengths scale along, so that the whole picture stays in
     /// view; where the proportions differ, it is in the middle of the new one, which shows more to both sides.
     #[must_use]
-    pub(crate) fn resized(self, [width, height]: [u32; 2]) -> Self {
+    pub fn resized(self, [width, height]: [u32; 2]) -> Self {
         let old = DVec2::new(f64::from(self.width), f64::from(self.height));
         let new = DVec2::new(f64::from(width), f64::from(height));
         let factor = (new / old).min_element();
@@ -230,7 +230,7 @@ impl Camera {
 
     /// How far points lie apart in the pictures of this camera and another one: the root mean square in pixels; `None`
     /// if both see none of them.
-    pub(crate) fn displacement(&self, to: &Self, points: &[DVec3]) -> Option<f64> {
+    pub fn displacement(&self, to: &Self, points: &[DVec3]) -> Option<f64> {
         let apart = |point: &DVec3| Some(self.project(*point)?.0.distance_squared(to.project(*point)?.0));
         let squares: Vec<f64> = points.iter().filter_map(apart).collect();
         (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())

@@ -120,7 +120,7 @@ impl Capture {
     ///
     /// [`Film::by_alpha`]: crate::scene::film::Film::by_alpha
     #[must_use]
-    pub(crate) fn by_alpha(&self) -> Self {
+    pub fn by_alpha(&self) -> Self {
         Self { model: Model::Absorption, background: [1.0; 3], transfer: None, ..self.clone() }
     }
 

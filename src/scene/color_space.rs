@@ -45,7 +45,7 @@ impl ColorSpace {
     }
 
     /// Returns the difference of radiance between the two largest samples of `bits` bits, relative to the largest.
-    pub(crate) fn largest_step(self, bits: u8) -> f64 {
+    pub fn largest_step(self, bits: u8) -> f64 {
         let most = f64::from((1_u32 << bits.clamp(1, 16)) - 1);
         1.0 - self.decode((most - 1.0) / most)
     }

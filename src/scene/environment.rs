@@ -58,7 +58,7 @@ pub struct EnvironmentMap {
 }
 
 /// Message of the error that an environment has no light.
-pub(crate) const BLACK: &str = "the environment is black everywhere";
+pub const BLACK: &str = "the environment is black everywhere";
 
 /// Most cells of the distribution along both edges: pictures of the sky are smooth in between, but for the sun, which
 /// takes a few of them.

@@ -48,7 +48,7 @@ impl Film {
     /// Returns what alpha alone tells: the transmittance in each color, as a medium that only absorbs shows it before
     /// white.
     #[must_use]
-    pub(crate) fn by_alpha(&self) -> Self {
+    pub fn by_alpha(&self) -> Self {
         let transmittance = |p: &[f32; 4]| [1.0 - p[3], 1.0 - p[3], 1.0 - p[3], p[3]];
         Self::of(self.width, self.height, self.rgba.iter().map(transmittance).collect())
     }

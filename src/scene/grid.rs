@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 /// Largest density that can be rendered; above it, cubic polynomials of the density along a ray overflow single
 /// precision.
-pub(crate) const MOST_DENSITY: f32 = 1e30;
+pub const MOST_DENSITY: f32 = 1e30;
 
 /// Meaning of a grid's values, as classified by OpenVDB.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,7 +35,7 @@ impl GridClass {
 }
 
 /// Voxels along the edge of a leaf.
-pub(crate) const LEAF_DIM: i32 = 8;
+pub const LEAF_DIM: i32 = 8;
 /// Voxels in a leaf.
 pub const LEAF_VOXELS: usize = 512;
 

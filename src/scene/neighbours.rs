@@ -13,7 +13,7 @@ pub struct Neighbours(Vec<[[u32; 2]; 3]>);
 
 impl Neighbours {
     /// Looks up the neighbours of each brick of a topology.
-    pub(crate) fn new(topology: &Topology) -> Self {
+    pub fn new(topology: &Topology) -> Self {
         let adjacent =
             |b: &IVec3| [IVec3::X, IVec3::Y, IVec3::Z].map(|a| [topology.find(*b - a), topology.find(*b + a)]);
         Self(topology.bricks().iter().map(adjacent).collect())

@@ -37,7 +37,7 @@ impl<R: Real> Bricks<R> {
 
     /// World-space points around the voxels with a visible value and the cells they reach into; empty if there are
     /// none.
-    pub(crate) fn outline_of(&self, visible: impl Fn(R) -> bool + Sync) -> Vec<DVec3> {
+    pub fn outline_of(&self, visible: impl Fn(R) -> bool + Sync) -> Vec<DVec3> {
         let runs = self.runs(&visible);
         if runs.is_empty() {
             return Vec::new();

@@ -5,7 +5,7 @@ use std::fmt;
 
 /// CIE 1931 chromaticities x, y of red, green, blue and white.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Primaries {
+pub struct Primaries {
     /// Chromaticity of red.
     pub red: [f64; 2],
     /// Chromaticity of green.
@@ -28,11 +28,10 @@ const ROUNDING: f64 = 1e-4;
 
 impl Primaries {
     /// Primaries of ITU-R BT.709 and sRGB, which a file without a statement has.
-    pub(crate) const REC_709: Self =
-        Self { red: [0.64, 0.33], green: [0.3, 0.6], blue: [0.15, 0.06], white: [0.3127, 0.329] };
+    pub const REC_709: Self = Self { red: [0.64, 0.33], green: [0.3, 0.6], blue: [0.15, 0.06], white: [0.3127, 0.329] };
 
     /// Creates primaries from x and y of red, green, blue and white.
-    pub(crate) fn of([rx, ry, gx, gy, bx, by, wx, wy]: [f64; 8]) -> Self {
+    pub fn of([rx, ry, gx, gy, bx, by, wx, wy]: [f64; 8]) -> Self {
         Self { red: [rx, ry], green: [gx, gy], blue: [bx, by], white: [wx, wy] }
     }
 
@@ -41,7 +40,7 @@ impl Primaries {
     }
 
     /// True if both are the same but for the rounding of files.
-    pub(crate) fn is_same(&self, other: &Self) -> bool {
+    pub fn is_same(&self, other: &Self) -> bool {
         let pairs = self.all().into_iter().flatten().zip(other.all().into_iter().flatten());
         pairs.into_iter().all(|(a, b)| (a - b).abs() <= ROUNDING)
     }
@@ -58,7 +57,7 @@ impl Primaries {
 
     /// Returns the matrix from linear RGB of these primaries to that of others. White becomes white, by Bradford's
     /// adaptation. `None` if either primaries span no space.
-    pub(crate) fn matrix_to(self, other: Self) -> Option<DMat3> {
+    pub fn matrix_to(self, other: Self) -> Option<DMat3> {
         let [from, to] = [self.to_xyz()?, other.to_xyz()?];
         let cones = [from, to].map(|matrix| BRADFORD * (matrix * DVec3::ONE));
         let adaptation = BRADFORD.inverse() * DMat3::from_diagonal(cones[1] / cones[0]) * BRADFORD;

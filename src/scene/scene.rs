@@ -28,7 +28,7 @@ impl Scene {
     ///
     /// # Errors
     /// If the capture's medium or density scale cannot be used.
-    pub(crate) fn shown_by(capture: &Capture, grids: Grids) -> Result<Self> {
+    pub fn shown_by(capture: &Capture, grids: Grids) -> Result<Self> {
         Ok(Self {
             volumes: vec![grids.shown_by(capture)?],
             environment: Environment::constant(capture.background),

@@ -9,7 +9,7 @@ const HALF_MAX: f32 = 65_504.0;
 
 /// Statistics of a grid's active values; a vector counts by its length.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, schemars::JsonSchema)]
-pub(crate) struct Statistics {
+pub struct Statistics {
     /// Smallest finite value; `None` if there are no finite values.
     pub min: Option<f32>,
     /// Largest finite value; `None` if there are no finite values.
@@ -33,7 +33,7 @@ pub(crate) struct Statistics {
 ///
 /// # Errors
 /// Errors of `visit` are passed on.
-pub(crate) fn of<E>(mut visit: impl FnMut(&mut dyn FnMut(f32, u64)) -> Result<(), E>) -> Result<Statistics, E> {
+pub fn of<E>(mut visit: impl FnMut(&mut dyn FnMut(f32, u64)) -> Result<(), E>) -> Result<Statistics, E> {
     let mut s = Statistics::default();
     let (mut low, mut high, mut sum, mut count) = (f32::INFINITY, f32::NEG_INFINITY, 0.0_f64, 0_u64);
     visit(&mut |v, n| {

@@ -4,7 +4,7 @@
 use crate::error::{Error, Result};
 
 /// Red, green and blue source radiance, and extinction per world unit.
-pub(crate) type Rgbs = [f64; 4];
+pub type Rgbs = [f64; 4];
 
 /// A piecewise linear function of the density, constant below the first knot and above the last.
 /// Two knots at one density are a step, at which the function takes the upper knot's value.
@@ -181,7 +181,7 @@ impl Table {
 
     /// Returns the same extinctions without color.
     #[must_use]
-    pub(crate) fn without_color(&self) -> Self {
+    pub fn without_color(&self) -> Self {
         let values = self.values.iter().map(|[.., extinction]| [0.0, 0.0, 0.0, *extinction]).collect();
         Self { knots: self.knots.clone(), values }
     }

@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 use std::ops::AddAssign;
 
 /// Cells along the edge of a brick.
-pub(crate) const CELLS: usize = 8;
+pub const CELLS: usize = 8;
 /// Stored voxels along the edge of a brick: the corners of its cells.
 pub const EDGE: usize = CELLS + 1;
 /// Stored voxels of a brick.
@@ -58,7 +58,7 @@ const TABLE_LIMIT: i64 = 1 << 28;
 ///
 /// # Errors
 /// If the table would exceed [`TABLE_LIMIT`] entries; the error states the extent.
-pub(crate) fn table_entries(min: IVec3, max: IVec3) -> Result<usize> {
+pub fn table_entries(min: IVec3, max: IVec3) -> Result<usize> {
     let extent = max.as_i64vec3() - min.as_i64vec3() + 1;
     let entries = extent.x.checked_mul(extent.y).and_then(|e| e.checked_mul(extent.z));
     match entries.filter(|e| *e <= TABLE_LIMIT) {
@@ -143,7 +143,7 @@ impl Topology {
     }
 
     /// Bytes of memory that the table occupies.
-    pub(crate) fn table_bytes(&self) -> u64 {
+    pub fn table_bytes(&self) -> u64 {
         (self.table.len() * size_of::<u32>()) as u64
     }
 

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 /// A picture as a lens shows it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Distorted<'f> {
+pub struct Distorted<'f> {
     /// Camera without the lens: pose, focal lengths, principal point and size of the picture.
     pub camera: Camera,
     /// Lens.
@@ -28,7 +28,7 @@ impl Distorted<'_> {
     ///
     /// # Errors
     /// If the camera is orthographic, the film has another size than the camera, or no pixel of the picture is seen.
-    pub(crate) fn undistort(&self) -> Result<(Camera, Film)> {
+    pub fn undistort(&self) -> Result<(Camera, Film)> {
         let Self { camera, film, .. } = self;
         if camera.projection == Projection::Orthographic {
             return Err(Error::unsupported("an orthographic camera with lens distortion")

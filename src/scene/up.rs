@@ -50,7 +50,7 @@ impl Up {
     }
 
     /// The rotation of [`Up::turn`] as a map of positions.
-    pub(crate) fn turn_map(self, to: Self) -> DMat4 {
+    pub fn turn_map(self, to: Self) -> DMat4 {
         DMat4::from_mat3(self.turn(to))
     }
 }

@@ -34,7 +34,7 @@ impl Velocity {
     ///
     /// # Errors
     /// If the background is not finite, or `fps`, the frames per second, are not positive and finite.
-    pub(crate) fn new(transform: Affine, background: Vec3, staggered: bool, fps: f64) -> Result<Self> {
+    pub fn new(transform: Affine, background: Vec3, staggered: bool, fps: f64) -> Result<Self> {
         if !(fps > 0.0 && fps.is_finite()) {
             return Err(Error::invalid(format!("{fps} frames per second must be positive and finite"))
                 .hint("give 24 or the like, or 1 for a grid of world units per frame"));
@@ -55,7 +55,7 @@ impl Velocity {
     ///
     /// # Errors
     /// If a value is not finite, or the number of values is another.
-    pub(crate) fn leaf(mut self, origin: [i32; 3], values: Vec<f32>) -> Result<Self> {
+    pub fn leaf(mut self, origin: [i32; 3], values: Vec<f32>) -> Result<Self> {
         if values.len() != 3 * LEAF_VOXELS || values.iter().any(|v| !v.is_finite()) {
             return Err(not_finite());
         }
@@ -67,7 +67,7 @@ impl Velocity {
     ///
     /// # Errors
     /// If the value is not finite, or the edge is not 8, 128 or 4096 voxels.
-    pub(crate) fn tile(mut self, origin: [i32; 3], edge: i32, value: Vec3) -> Result<Self> {
+    pub fn tile(mut self, origin: [i32; 3], edge: i32, value: Vec3) -> Result<Self> {
         if !TILE_EDGES.contains(&edge) {
             return Err(Error::invalid(format!("a tile of {edge}³ voxels at {origin:?} fits no VDB tree"))
                 .hint("tiles have edges of 8, 128 or 4096 voxels"));
@@ -81,7 +81,7 @@ impl Velocity {
     ///
     /// # Errors
     /// If the map is singular or not affine.
-    pub(crate) fn placed(self, map: DMat4) -> Result<Self> {
+    pub fn placed(self, map: DMat4) -> Result<Self> {
         let transform = Affine::new(map * self.transform.matrix())?;
         Ok(Self { transform, turned: DMat3::from_mat4(map) * self.turned, ..self })
     }

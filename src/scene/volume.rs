@@ -21,7 +21,7 @@ pub enum Grids {
 
 impl Grids {
     /// Returns the grid that the optical depth is proportional to, or a function of: the density or the extinction.
-    pub(crate) fn density_or_extinction(&self) -> Cow<'_, Bricks<f32>> {
+    pub fn density_or_extinction(&self) -> Cow<'_, Bricks<f32>> {
         match self {
             Self::Density(field) => Cow::Borrowed(field),
             Self::EmissionExtinction(volume) => Cow::Owned(volume.channel(3)),

@@ -7,6 +7,7 @@ use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
 use crate::cli::memory::Memory;
 use crate::cli::parse;
+use crate::cli::values::choice;
 use crate::formats::sequence::Frames;
 use crate::plan::Effect;
 use crate::render::quadrature::{Quadrature, rules};
@@ -37,7 +38,7 @@ struct PictureArgs {
     #[arg(long, value_name = "N,M-K", value_delimiter = ',')]
     view: Vec<Frames>,
     /// How --views are placed: over the whole sphere, or on the horizontal circle
-    #[arg(long, value_enum, default_value_t = Layout::Sphere, conflicts_with = "cameras")]
+    #[arg(long, value_parser = choice::<Layout>(), default_value = "sphere", conflicts_with = "cameras")]
     layout: Layout,
     /// Size of the pictures in pixels. Focal lengths of a capture's cameras scale along; in other proportions the whole
     /// picture stays in view, and more is shown beside it (default: 256x256; that of a capture's pictures; of a stage's
@@ -68,7 +69,7 @@ struct PictureArgs {
     camera: Option<String>,
     /// Model of the pictures (default: that of --cameras, emission-absorption with a transfer function, else
     /// absorption)
-    #[arg(long, value_enum, conflicts_with = "tf")]
+    #[arg(long, value_parser = choice::<Model>(), conflicts_with = "tf")]
     model: Option<Model>,
     /// Extinction per world unit at a density of 1 (per millimeter in a volume whose voxels are measured in mm); auto
     /// makes the 99th percentile of the optical depth 3 (default: that of --cameras, else 1)
@@ -82,7 +83,7 @@ struct PictureArgs {
     #[arg(long, value_name = "R,G,B", value_parser = parse::color, conflicts_with = "tf")]
     emission: Option<[f32; 3]>,
     /// How that radiance follows the density (default: that of --cameras, else grey: not at all)
-    #[arg(long, value_enum, conflicts_with = "tf")]
+    #[arg(long, value_parser = choice::<EmissionModel>(), conflicts_with = "tf")]
     emission_model: Option<EmissionModel>,
     #[command(flatten)]
     transfer: TransferSettings,

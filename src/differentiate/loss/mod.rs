@@ -3,7 +3,7 @@
 //! A local loss is a mean over pixels: its derivative follows from each pixel alone, so that value and gradient of a
 //! ray take one walk. A global loss is a function of a whole picture.
 
-pub(crate) mod prior;
+pub mod prior;
 
 use crate::metrics::ssim;
 

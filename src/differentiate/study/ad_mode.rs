@@ -24,7 +24,7 @@ pub enum Mode {
 
 /// The mode that is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum AdMode {
+pub enum AdMode {
     /// Backward.
     Reverse(Adjoint),
     /// Forward.
@@ -33,7 +33,7 @@ pub(crate) enum AdMode {
 
 /// The mode that was chosen, and why.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Choice {
+pub struct Choice {
     /// The mode.
     pub mode: AdMode,
     /// Why, for people.
@@ -42,7 +42,7 @@ pub(crate) struct Choice {
 
 /// Number and kind of the derivatives that are requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Task {
+pub struct Task {
     /// Number of parameters.
     pub parameters: usize,
     /// Pixels that the loss's derivatives depend on.
@@ -64,7 +64,7 @@ impl Task {
 
 impl Choice {
     /// Chooses; an adjoint that is requested by name is taken.
-    pub(crate) fn new(task: Task, mode: Mode, adjoint: Option<Adjoint>) -> Self {
+    pub fn new(task: Task, mode: Mode, adjoint: Option<Adjoint>) -> Self {
         let (count, few) = (task.parameters, task.few());
         let parameters = if count == 1 { "1 parameter".to_owned() } else { format!("{count} parameters") };
         let forward = mode == Mode::Auto && adjoint.is_none() && count <= few;

@@ -20,7 +20,7 @@ const POINT: usize = 5;
 
 /// A difference quotient.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Quotient {
+pub struct Quotient {
     /// Estimate of the derivative.
     pub value: f64,
     /// Bound of the error that rounding of the loss alone makes in the estimate.
@@ -33,7 +33,7 @@ const DIGITS: f64 = 1e-4;
 impl Quotient {
     /// How far a derivative is off, relative to the larger of both, or to a floor: that given, or, where rounding
     /// leaves the quotient fewer than four digits, what would have them.
-    pub(crate) fn error(&self, derivative: f64, floor: f64) -> f64 {
+    pub fn error(&self, derivative: f64, floor: f64) -> f64 {
         let off = (derivative - self.value).abs();
         let scale = derivative.abs().max(self.value.abs()).max(floor).max(self.rounding / DIGITS);
         // What is not a number is no agreement.
@@ -51,7 +51,7 @@ impl<V: Subject<Double = V>> Study<V> {
     ///
     /// # Errors
     /// As [`Subject::renderer`].
-    pub(crate) fn difference(&mut self, parameter: Parameter) -> Result<Quotient> {
+    pub fn difference(&mut self, parameter: Parameter) -> Result<Quotient> {
         let (mut h, side) = self.reach(parameter)?;
         // Quotients are good to this over their step: where they are little more, two agree by chance.
         let rounding = ROUNDING * self.value_at(parameter, 0.0)?.0.abs();

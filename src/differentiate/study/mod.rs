@@ -1,11 +1,11 @@
 //! A scene and a loss whose gradient is computed parameter by parameter; [`difference`]
 //! checks it.
 
-pub(crate) mod ad_mode;
-pub(crate) mod difference;
-pub(crate) mod parameter;
-pub(crate) mod setting;
-pub(crate) mod subject;
+pub mod ad_mode;
+pub mod difference;
+pub mod parameter;
+pub mod setting;
+pub mod subject;
 
 use crate::differentiate::gradient::objective::Objective;
 use crate::differentiate::loss::prior::{Prior, Weighted};
@@ -22,7 +22,7 @@ use setting::{Setting, Units};
 
 /// A scene and a loss.
 #[derive(Debug, Clone)]
-pub(crate) struct Study<V> {
+pub struct Study<V> {
     /// The voxels.
     pub field: Bricks<V>,
     /// Medium, cameras and quadrature.
@@ -41,7 +41,7 @@ pub(crate) struct Study<V> {
 
 /// Value of a loss, and its derivatives by parameter.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct StudyGradient {
+pub struct StudyGradient {
     /// The loss.
     pub value: f64,
     /// In the order of the parameters.
@@ -60,7 +60,7 @@ struct PriorGradient {
 
 impl<V: Subject> Study<V> {
     /// The loss on its pictures.
-    pub(crate) fn objective(&self) -> Objective<'_> {
+    pub fn objective(&self) -> Objective<'_> {
         Objective {
             loss: self.loss,
             cameras: &self.setting.cameras,
@@ -70,7 +70,7 @@ impl<V: Subject> Study<V> {
     }
 
     /// Number of voxels that bricks own.
-    pub(crate) fn voxels(&self) -> usize {
+    pub fn voxels(&self) -> usize {
         self.field.topology.len() * LEAF_VOXELS
     }
 
@@ -78,7 +78,7 @@ impl<V: Subject> Study<V> {
     ///
     /// # Errors
     /// As [`Subject::renderer`], and if a prior does not suit the transfer function.
-    pub(crate) fn value(&self) -> Result<f64> {
+    pub fn value(&self) -> Result<f64> {
         Ok(self.objective().value(&V::renderer(&self.field, &self.setting)?) + self.prior_gradient()?.value)
     }
 
@@ -116,7 +116,7 @@ impl<V: Subject> Study<V> {
     ///
     /// # Errors
     /// As [`Subject::renderer`].
-    pub(crate) fn gradient(&self, mode: AdMode, parameters: &[Parameter], channels: &[usize]) -> Result<StudyGradient> {
+    pub fn gradient(&self, mode: AdMode, parameters: &[Parameter], channels: &[usize]) -> Result<StudyGradient> {
         let (mut gradient, prior_gradient) = (self.of_pictures(mode, parameters, channels)?, self.prior_gradient()?);
         gradient.value += prior_gradient.value;
         for (derivative, parameter) in gradient.derivatives.iter_mut().zip(parameters) {
@@ -171,7 +171,7 @@ impl<V: Subject> Study<V> {
     }
 
     /// Names of parameters, those of the groups whose derivatives are of one kind, and values.
-    pub(crate) fn described(&self, parameters: &[Parameter]) -> Vec<(String, &'static str, f64)> {
+    pub fn described(&self, parameters: &[Parameter]) -> Vec<(String, &'static str, f64)> {
         let transfer = self.setting.transfer.as_ref().map_or_else(Vec::new, Transfer::parameters);
         parameters.iter().map(|p| self.describe(*p, &transfer)).collect()
     }

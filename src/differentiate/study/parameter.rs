@@ -11,7 +11,7 @@ use glam::IVec3;
 
 /// A number that pictures depend on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Parameter {
+pub enum Parameter {
     /// The quadrature's step, in voxels.
     Step,
     /// Part of a view's camera: one of [`CAMERA`].
@@ -37,7 +37,7 @@ pub(crate) enum Parameter {
 }
 
 /// Parts of a camera: world units, radians about world axes, the camera's unit of focal lengths, pixels.
-pub(crate) const CAMERA: [&str; 10] = [
+pub const CAMERA: [&str; 10] = [
     "position.x",
     "position.y",
     "position.z",
@@ -120,7 +120,7 @@ pub(crate) fn direction<V: Subject>(
     parameter: Parameter,
     field: &Bricks<V>,
     transfer: Option<&Transfer>,
-) -> crate::Result<Direction<V>> {
+) -> crate::error::Result<Direction<V>> {
     let shared = ParameterGradient::default();
     Ok(match parameter {
         Parameter::Step => Direction::Step(1.0),

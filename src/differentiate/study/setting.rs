@@ -40,7 +40,7 @@ impl Setting {
 
 /// Units of priors, which stay when voxels and functions change.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Units {
+pub struct Units {
     /// The density that stands for 1.
     pub density: f64,
     /// The extinction that does.

@@ -42,12 +42,12 @@ pub trait Subject: Voxel + Debug + PartialEq + 'static {
 }
 
 /// Number of the channel that the optical depth is made of.
-pub(crate) const fn depth_channel<V: Subject>() -> usize {
+pub const fn depth_channel<V: Subject>() -> usize {
     V::CHANNELS.len() - 1
 }
 
 /// The largest value that a channel of a field has, or 1 if none is above zero.
-pub(crate) fn largest<V: Subject>(field: &Bricks<V>, channel: usize) -> f64 {
+pub fn largest<V: Subject>(field: &Bricks<V>, channel: usize) -> f64 {
     let largest = field.values.par_iter().map(|v| v.channel(channel)).reduce(|| 0.0, f64::max);
     if largest > 0.0 { largest } else { 1.0 }
 }

@@ -47,7 +47,7 @@ impl MeasuredView<'_> {
 }
 
 /// Channels of a voxel that share a confidence, and the standard deviation p of the prior on them.
-pub(crate) type Group<'g> = (&'g [usize], f64);
+pub type Group<'g> = (&'g [usize], f64);
 
 /// Returns the confidence of each voxel (512 a brick), 0..1, for each group; `None` once the work is cancelled. `noise`
 /// is the standard deviation of a pixel's error. `tick` is called with the number of probes done and their total.
@@ -112,7 +112,7 @@ const UNRESOLVED: f64 = 0.15;
 
 /// Lowers the confidence of voxels (512 a brick) where neighbours differ: what is not resolved is not known either.
 /// `deviation` is that of the prior.
-pub(crate) fn lower_unresolved(values: &[f32], neighbours: &Neighbours, confidence: &mut [f32], deviation: f64) {
+pub fn lower_unresolved(values: &[f32], neighbours: &Neighbours, confidence: &mut [f32], deviation: f64) {
     confidence.par_iter_mut().enumerate().for_each(|(voxel, confidence)| {
         // What lies beyond the bricks is empty.
         let near = neighbours.of_voxel(voxel).map(|near| near.map_or(0.0, |near| values[near]));

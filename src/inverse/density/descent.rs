@@ -58,7 +58,7 @@ pub(crate) fn unknowns(
 
 /// Medium, background and quadrature with which densities are rendered.
 #[derive(Debug)]
-pub(crate) struct ForwardModel<'a> {
+pub struct ForwardModel<'a> {
     /// Medium: extinction and source by density.
     pub medium: &'a Medium,
     /// Radiance behind the volume.
@@ -72,7 +72,7 @@ impl ForwardModel<'_> {
     ///
     /// # Errors
     /// If the medium cannot be used.
-    pub(crate) fn renderer<'f>(&self, field: &'f Bricks<f32>) -> Result<Composited<Dvr<'f, f32>>> {
+    pub fn renderer<'f>(&self, field: &'f Bricks<f32>) -> Result<Composited<Dvr<'f, f32>>> {
         Ok(Dvr::new(field, self.medium.clone())?.quadrature(self.quadrature).over(self.background))
     }
 }

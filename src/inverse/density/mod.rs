@@ -2,11 +2,11 @@
 //! on colors (`descent`, `weiss2021`); and how certain each voxel is ([`confidence`]).
 
 pub mod confidence;
-pub(crate) mod descent;
+pub mod descent;
 mod held_out;
 mod level;
 pub mod multilevel;
-pub(crate) mod weiss2021;
+pub mod weiss2021;
 
 use crate::cancel::Cancel;
 use crate::differentiate::loss::prior::{VolumePrior, Weighted};

@@ -96,7 +96,7 @@ pub fn reconstruct(
 }
 
 /// Returns the largest number of iterations of a run, over all levels.
-pub(crate) fn most_iterations(observation: &Observation, request: &Request) -> u64 {
+pub fn most_iterations(observation: &Observation, request: &Request) -> u64 {
     let levels = levels(&request.lattice, &request.bounds, request.init.as_ref());
     let coarse = u64::from(levels - 1) * u64::from(coarse_iterations(observation, request));
     // Each level tries one number of blur passes that it does not keep, or more.

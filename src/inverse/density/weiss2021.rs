@@ -35,7 +35,7 @@ const START: f32 = 0.1;
 ///
 /// # Errors
 /// If the pictures leave no unknown, the unknowns do not fit in memory, or the medium cannot be used.
-pub(crate) fn reconstruct(
+pub fn reconstruct(
     photos: &[Photo],
     observation: &Observation,
     request: &Request,
@@ -134,7 +134,7 @@ fn coarsest(request: &Request) -> u32 {
 }
 
 /// Returns the largest number of steps of a run with `views` training pictures.
-pub(crate) fn most_iterations(request: &Request, views: usize) -> u64 {
+pub fn most_iterations(request: &Request, views: usize) -> u64 {
     let epochs = request.iterations + coarsest(request) * COARSE_EPOCHS.min(request.iterations);
     u64::from(epochs) * views.div_ceil(BATCH) as u64
 }

@@ -8,7 +8,7 @@ pub mod depth_map;
 pub mod photo;
 pub(crate) mod plane;
 pub(crate) mod silhouette;
-pub(crate) mod transmittances;
+pub mod transmittances;
 
 use crate::error::{Error, Result};
 use depth_map::{DepthMap, Limit};
@@ -42,7 +42,7 @@ impl Observation {
     ///
     /// # Errors
     /// If only alpha tells the medium from the background and is 1 everywhere, or a picture is mostly not finite.
-    pub(crate) fn gather(pictures: Vec<Transmittances>, channels: Channels) -> Result<Self> {
+    pub fn gather(pictures: Vec<Transmittances>, channels: Channels) -> Result<Self> {
         if channels.need_alpha() && pictures.iter().all(|picture| picture.opaque) {
             return Err(without_alpha(channels));
         }
@@ -68,7 +68,7 @@ impl Observation {
 
     /// Widens all silhouettes by a thirty-second of the pictures' shorter side, and returns them as they were: cameras
     /// that are a little off would cut one another's.
-    pub(crate) fn widen_silhouettes(&mut self) -> Vec<Vec<bool>> {
+    pub fn widen_silhouettes(&mut self) -> Vec<Vec<bool>> {
         let widen = |map: &mut DepthMap| {
             let before = map.shown.clone();
             map.widen_silhouette((map.width.min(map.height) / 32).max(1));

@@ -8,7 +8,7 @@ use crate::scene::camera::Camera;
 
 /// Channels of a picture that tell the transmittance.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Channels {
+pub enum Channels {
     /// The colors, and alpha where it is the more exact.
     Colors {
         /// Radiance behind the medium.
@@ -46,7 +46,7 @@ const EXACT: f64 = 1e-3;
 
 /// Transmittances of one picture with its own noise, before anything is known of other pictures.
 #[derive(Debug, Clone)]
-pub(crate) struct Transmittances {
+pub struct Transmittances {
     camera: Camera,
     width: usize,
     height: usize,
@@ -74,7 +74,7 @@ pub(crate) struct Transmittances {
 
 impl Transmittances {
     /// Reads the transmittances off a picture.
-    pub(crate) fn new(photo: &Photo, channels: Channels) -> Self {
+    pub fn new(photo: &Photo, channels: Channels) -> Self {
         let Photo { camera, film, name, photograph } = photo;
         let opaque = film.rgba.iter().all(|p| p[3] == 1.0);
         let reading = match channels.contrast() {

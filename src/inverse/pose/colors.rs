@@ -7,7 +7,7 @@ use crate::scene::medium::{Medium, Source};
 
 /// Derivatives that a walk gives, and how the colors' follow from them.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Colors {
+pub struct Colors {
     /// Cotangents of the walks: derivatives with respect to red, green, blue and alpha.
     losses: Vec<[f32; 4]>,
     /// Weights of the losses in the derivative of each color, `mix[loss][color]`.
@@ -17,7 +17,7 @@ pub(crate) struct Colors {
 impl Colors {
     /// Chooses the derivatives for a medium: with a source of one shape the colors are the same function of the ray but
     /// for factors.
-    pub(crate) fn from_medium(medium: &Medium, background: [f32; 3]) -> Self {
+    pub fn from_medium(medium: &Medium, background: [f32; 3]) -> Self {
         let background = background.map(f64::from);
         match &medium.source {
             // L = α color + (1 - α) background.
@@ -39,7 +39,7 @@ impl Colors {
     }
 
     /// Takes each color for a function of its own.
-    pub(crate) fn apart() -> Self {
+    pub fn apart() -> Self {
         Self {
             losses: [0, 1, 2].map(unit).to_vec(),
             mix: [0, 1, 2].map(|c| std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 })),
@@ -54,7 +54,7 @@ fn unit(c: usize) -> [f32; 4] {
 
 /// Returns the normal equations of one camera: those of its render against the colors of its picture, given by the
 /// row-major number of a pixel, of which one in `stride` is compared. Colors that are not finite ask for nothing.
-pub(crate) fn linearised<I: Differentiable<Real = f32>>(
+pub fn linearised<I: Differentiable<Real = f32>>(
     rows: &Rows<'_, I>,
     frame: &Frame,
     picture: &(dyn Fn(usize) -> [f32; 4] + Sync),

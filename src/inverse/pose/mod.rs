@@ -2,7 +2,7 @@
 //!
 //! The derivatives of every pixel's colors by the camera are those of the renderer's adjoint.
 
-pub(crate) mod colors;
+pub mod colors;
 pub mod normal;
-pub(crate) mod pyramid;
-pub(crate) mod search;
+pub mod pyramid;
+pub mod search;

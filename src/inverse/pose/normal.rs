@@ -93,7 +93,7 @@ impl Normal {
     }
 
     /// Splits the matrix.
-    pub(crate) fn spectrum(&self) -> Spectrum {
+    pub fn spectrum(&self) -> Spectrum {
         let split = self.matrix.symmetric_eigen();
         let largest = split.eigenvalues.max();
         Spectrum { vectors: split.eigenvectors, values: split.eigenvalues, least: SINGULAR * largest }

@@ -10,7 +10,7 @@ const COARSEST: u32 = 8;
 const MOST_RAYS: usize = 4;
 
 /// Returns how often a picture is halved before the search begins.
-pub(crate) fn levels(camera: &Camera) -> usize {
+pub fn levels(camera: &Camera) -> usize {
     let shorter = camera.width.min(camera.height);
     (1..32).take_while(|level| shorter >> level >= COARSEST).count()
 }
@@ -27,7 +27,7 @@ pub(crate) fn pyramid(target: &Target) -> Vec<Target> {
 
 /// Returns a picture of half the size: means over two by two pixels (an odd row or column is left out), with its
 /// camera.
-pub(crate) fn halved(target: &Target) -> Target {
+pub fn halved(target: &Target) -> Target {
     let camera = shrunk(&target.camera, 1);
     let (w, from) = (camera.width as usize, target.camera.width as usize);
     let mean = |i: usize| {

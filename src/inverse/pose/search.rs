@@ -34,7 +34,7 @@ const DEVIATION: f64 = 0.05;
 /// Number of independent observations that a picture counts as beside the prior: neighbouring pixels differ alike.
 const OBSERVATIONS: f64 = 100.0;
 /// Share of a picture's variance that a camera in its place may leave unexplained, but for white noise.
-pub(crate) const UNEXPLAINED: f64 = 0.02;
+pub const UNEXPLAINED: f64 = 0.02;
 /// Displacement from the beginning (radians, shares of the distance) beyond which an unexplained picture's camera is
 /// taken back.
 const FAR: f64 = 0.25;
@@ -45,7 +45,7 @@ const KEPT: [usize; 3] = [4, 2, 1];
 
 /// Settings of a search for poses.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Request<'r> {
+pub struct Request<'r> {
     /// How colors follow from what the renderer's walks give.
     pub colors: &'r Colors,
     /// A point that cameras look at: their distance to it is the unit of their position.
@@ -58,7 +58,7 @@ pub(crate) struct Request<'r> {
 
 /// Pose that a search ended with.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct PoseEstimate {
+pub struct PoseEstimate {
     /// Camera with that pose.
     pub camera: Camera,
     /// Root mean square of the colors' differences before and after; not numbers if they were not measured any more
@@ -84,7 +84,7 @@ pub(crate) struct PoseEstimate {
 ///
 /// With a `reference`, which may be slow, the search ends on what that sees, while the renderer still says how it
 /// changes: the fewer digits of derivatives make steps less sure, not what they lead to.
-pub(crate) fn solve<I: Differentiable<Real = f32>>(
+pub fn solve<I: Differentiable<Real = f32>>(
     renderer: &Composited<I>,
     reference: Option<&Composited<I>>,
     targets: &[Target],

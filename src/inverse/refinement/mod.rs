@@ -65,7 +65,7 @@ pub struct Round {
 }
 
 /// Returns the largest number of rounds.
-pub(crate) fn most_rounds(request: &Request) -> u64 {
+pub fn most_rounds(request: &Request) -> u64 {
     let levels = levels(request);
     (0..levels).map(|level| u64::from(rounds(level, levels))).sum()
 }

@@ -308,7 +308,7 @@ impl<'a> Hull<'a> {
 
 /// Estimate of the number of unknowns of a lattice.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Survey {
+pub struct Survey {
     /// Blocks of 8³ voxels, with those that only cells of unknowns reach into.
     pub bricks: f64,
     /// Unknown voxels.
@@ -326,7 +326,7 @@ impl Hull<'_> {
     ///
     /// # Errors
     /// If the work is to stop.
-    pub(crate) fn survey(&self, lattice: &Affine, bounds: &Aabb) -> Result<Survey> {
+    pub fn survey(&self, lattice: &Affine, bounds: &Aabb) -> Result<Survey> {
         let corners = bounds.corners().map(|c| lattice.to_index(c));
         let min = corners.iter().copied().fold(DVec3::INFINITY, DVec3::min);
         let max = corners.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);

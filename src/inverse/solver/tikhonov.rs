@@ -87,7 +87,7 @@ mod tests {
 
     /// Half of the gradient of `λ Σ (xᵢ - xⱼ)²` is `λ L x`, and the residual is its negative.
     #[test]
-    fn the_penalty_and_its_gradient_agree() -> crate::Result<()> {
+    fn the_penalty_and_its_gradient_agree() -> crate::error::Result<()> {
         let neighbours = Neighbours::new(&Topology::new([IVec3::ZERO, IVec3::X])?);
         let mut x = vec![0.0; 2 * LEAF_VOXELS];
         // The last voxel of the first brick along x, in its middle, and one beside it in the second.

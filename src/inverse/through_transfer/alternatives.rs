@@ -20,7 +20,7 @@ const LEVEL: f64 = 1e-3;
 
 /// How far from each density another one lies that the function shows alike.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Alternatives {
+pub struct Alternatives {
     densities: Vec<f64>,
     /// Squared distance, times how much alike they are: 1 the same, `exp(-n² / 2)` where emissions and extinctions
     /// differ by n times the error that they have in a volume of colors.
@@ -33,7 +33,7 @@ pub(crate) struct Alternatives {
 
 impl Alternatives {
     /// Looks for them from density 0 to the function's last knot.
-    pub(crate) fn new(table: &Table) -> Self {
+    pub fn new(table: &Table) -> Self {
         let densities = sampled(table, POINTS);
         let (values, unit) = shaded(table, 1.0, &densities);
         let apart =
@@ -70,7 +70,7 @@ impl Alternatives {
     /// with variance v a confidence is p² / (p² + v), and the alternatives add to the variance. Returns the share of
     /// the voxels of a confidence above a half that lose it. Those that are empty are not counted among them, and have
     /// no alternatives but the densities from 0 on that the function does not show either.
-    pub(crate) fn lower(&self, field: &Bricks<f32>, confidence: &mut [f32], deviation: f64) -> f64 {
+    pub fn lower(&self, field: &Bricks<f32>, confidence: &mut [f32], deviation: f64) -> f64 {
         let densities = field.owned();
         let empty = self.empty(&densities, &Neighbours::new(&field.topology));
         let (mut known, mut lost) = (0_usize, 0_usize);

@@ -5,7 +5,7 @@
 //! pictures ([`color`]), then the densities that match its colors ([`matching`]). Descent then adds the detail that the
 //! volume's resolution lost ([`fit`](crate::inverse::density::descent)).
 
-pub(crate) mod alternatives;
+pub mod alternatives;
 pub(crate) mod matching;
 
 use crate::differentiate::gradient::pictures::Target;
@@ -27,7 +27,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Part named in errors about the transfer function.
-pub(crate) const FUNCTION: &str = "transfer function";
+pub const FUNCTION: &str = "transfer function";
 
 /// Views per step.
 const BATCH: usize = 8;
@@ -48,7 +48,7 @@ const PRIOR: Weighted<VolumePrior> = Weighted { prior: VolumePrior::Smooth, weig
 /// # Errors
 /// If the medium has no transfer function or one that ends at density 0 or below, if the unknowns do not fit in memory,
 /// and as [`color::reconstruct`].
-pub(crate) fn reconstruct(
+pub fn reconstruct(
     photos: &[Photo],
     observation: &Observation,
     request: &Request,
@@ -171,7 +171,7 @@ fn descend(
 const EXTINCTION_ITERATIONS: u32 = 24;
 
 /// Returns the largest number of steps of a run with `views` training pictures.
-pub(crate) fn most_iterations(observation: &Observation, request: &Request, views: usize) -> u64 {
+pub fn most_iterations(observation: &Observation, request: &Request, views: usize) -> u64 {
     let colors = if request.init.is_some() { 0 } else { color::most_iterations(observation, request) };
     colors + u64::from(request.iterations) * views.div_ceil(BATCH) as u64
 }

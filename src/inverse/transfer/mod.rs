@@ -10,7 +10,7 @@
 mod fit;
 mod normal;
 mod rays;
-pub(crate) mod reconstruct;
+pub mod reconstruct;
 mod rows;
 mod weiss2021;
 
@@ -33,7 +33,7 @@ pub enum Solver {
 
 impl Solver {
     /// Returns the name of the solver's steps.
-    pub(crate) fn steps(self) -> &'static str {
+    pub fn steps(self) -> &'static str {
         match self {
             Self::Newton => "refinements",
             Self::Weiss2021 => "epochs",
@@ -43,7 +43,7 @@ impl Solver {
 
 /// Known properties of the pictures, and settings of the reconstruction.
 #[derive(Debug, Clone)]
-pub(crate) struct Request {
+pub struct Request {
     /// Factor of the extinctions that the pictures were made with; it is divided out.
     pub extinction: f64,
     /// Radiance behind the volume.
@@ -84,7 +84,7 @@ impl Request {
     }
 
     /// Refinements or epochs that there will be at most.
-    pub(crate) fn most_steps(&self) -> u32 {
+    pub fn most_steps(&self) -> u32 {
         match (self.solver, self.weights().len()) {
             (Solver::Weiss2021, _) | (_, 1) => self.iterations,
             (Solver::Newton, weights) => self.iterations.min(weights as u32 * REFINEMENTS),
@@ -109,7 +109,7 @@ pub struct Step {
 
 /// Reconstructed transfer function, and how the work went.
 #[derive(Debug, Clone)]
-pub(crate) struct Outcome {
+pub struct Outcome {
     /// The function, as a texture.
     pub transfer: Transfer,
     /// How much the pictures say about each texel's extinction and color, 0..1: the share of the

@@ -21,7 +21,7 @@ const FIRST_TEXELS: usize = 64;
 /// # Errors
 /// If the request's numbers cannot be used, or no pixel of the used views is finite and meets the volume; if the work
 /// was stopped before anything was found.
-pub(crate) fn reconstruct(
+pub fn reconstruct(
     field: &Bricks<f32>,
     photos: &[Photo],
     request: &Request,

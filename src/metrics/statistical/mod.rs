@@ -43,7 +43,7 @@ use serde::Serialize;
 pub(crate) const CHANNELS: [&str; 4] = ["R", "G", "B", "A"];
 
 /// Upper bound in bytes per pixel of the memory that two estimates and their test take, while the second is read.
-pub(crate) const PIXEL_BYTES: u64 = 240;
+pub const PIXEL_BYTES: u64 = 240;
 
 /// Degrees of freedom of estimated variances.
 #[derive(Debug, Clone, PartialEq)]

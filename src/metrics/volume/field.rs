@@ -55,7 +55,7 @@ pub(super) const TILE_DIMS: [i32; 3] = [8, 128, 4096];
 impl<'a> Field<'a> {
     /// An empty volume of 1 to 3 components per voxel. `active_box` holds the lowest and the highest active voxel, if
     /// any is active.
-    pub(crate) fn new(
+    pub fn new(
         components: usize,
         background: [f32; 3],
         transform: Affine,
@@ -88,14 +88,14 @@ impl<'a> Field<'a> {
     }
 
     /// Adds a leaf of 8³ voxels at `origin`: components interleaved, z fastest.
-    pub(crate) fn add_leaf(&mut self, origin: [i32; 3], values: &'a [f32], active: &'a [u64; 8]) {
+    pub fn add_leaf(&mut self, origin: [i32; 3], values: &'a [f32], active: &'a [u64; 8]) {
         self.leaves.insert(origin, Block { values, active });
         self.mark(origin, 0);
     }
 
     /// Adds a tile at `origin`: a constant block with an edge of 8, 128 or 4096 voxels. Tiles of other edges are
     /// ignored.
-    pub(crate) fn add_tile(&mut self, origin: [i32; 3], dim: i32, value: [f32; 3], active: bool) {
+    pub fn add_tile(&mut self, origin: [i32; 3], dim: i32, value: [f32; 3], active: bool) {
         if let Some(level) = TILE_DIMS.iter().position(|d| *d == dim) {
             self.tiles[level].insert(origin, Constant { value, active });
             self.mark(origin, dim.ilog2() as usize - 2);

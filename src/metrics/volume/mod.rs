@@ -8,7 +8,7 @@ mod field;
 mod pair;
 mod partial;
 
-pub(crate) use effort::{Effort, OnStep};
+pub use effort::{Effort, OnStep};
 pub use field::Field;
 
 use crate::error::{Error, Result};
@@ -85,7 +85,7 @@ impl Difference {
 
     /// Returns the multiple if it explains most of the difference: a factor apart from 1 by a percent or more, after
     /// which less than a tenth of the power of the difference is left.
-    pub(crate) fn explained(&self) -> Option<Multiple> {
+    pub fn explained(&self) -> Option<Multiple> {
         const GAIN_DB: f64 = 10.0;
         let multiple = self.multiple.filter(|multiple| (multiple.factor - 1.0).abs() >= 0.01)?;
         let gain = |before: f64| multiple.psnr_db.is_none_or(|after| after >= before + GAIN_DB);
@@ -106,7 +106,7 @@ pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
 ///
 /// # Errors
 /// If the components differ, or too many voxels would have to be compared.
-pub(crate) fn compare_within(a: &Field<'_>, b: &Field<'_>, effort: Effort, step: OnStep<'_>) -> Result<Difference> {
+pub fn compare_within(a: &Field<'_>, b: &Field<'_>, effort: Effort, step: OnStep<'_>) -> Result<Difference> {
     if a.components != b.components {
         return Err(Error::invalid(format!(
             "one grid has {} values a voxel, the other {}",
@@ -195,7 +195,7 @@ fn transform_difference(a: &Field<'_>, b: &Field<'_>, min: [i32; 3], max: [i32; 
 }
 /// Root mean square differences at the voxels of `a` where `a` or `b` is not zero, in two parts: where a third field
 /// `known` is at least one half, and elsewhere. `None` stands for a part without voxels.
-pub(crate) fn rms_apart(a: &Bricks<f32>, b: &Bricks<f32>, known: &Bricks<f32>) -> [Option<f64>; 2] {
+pub fn rms_apart(a: &Bricks<f32>, b: &Bricks<f32>, known: &Bricks<f32>) -> [Option<f64>; 2] {
     let brick = |(brick, voxels): (&IVec3, &[f32])| {
         let mut sums = [[0.0_f64; 2]; 2];
         for (i, own) in voxels.iter().enumerate() {

@@ -57,7 +57,7 @@ impl Aov {
     }
 
     /// True if the plane comes from scattered paths: direct volume rendering has no such thing.
-    pub(crate) fn of_paths(self) -> bool {
+    pub fn of_paths(self) -> bool {
         !matches!(self, Self::Variance | Self::OpticalDepth)
     }
     /// Returns the layers of the plane that pixels have one by one, named as Blender names its passes where it has them.
@@ -122,7 +122,7 @@ impl Layer {
 
 /// Returns the bytes of memory per pixel that planes take: as they are rendered, as they are kept, and as they are
 /// written.
-pub(crate) fn bytes_per_pixel(aovs: &[Aov]) -> u64 {
+pub fn bytes_per_pixel(aovs: &[Aov]) -> u64 {
     let of = |aov: &Aov| match aov {
         Aov::Variance => VARIANCE_BYTES + 2 * 4 * 4,
         _ => 3 * 4 * aov.layers().iter().map(|layer| layer.channels.len() as u64).sum::<u64>(),

@@ -7,7 +7,7 @@ mod sampling;
 mod view;
 
 pub use aov::Aov;
-pub(crate) use aov::bytes_per_pixel;
+pub use aov::bytes_per_pixel;
 pub use sampling::{Sampling, Subpixels};
 pub use view::View;
 

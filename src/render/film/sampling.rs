@@ -12,7 +12,7 @@ pub struct Subpixels {
 
 impl Subpixels {
     /// Creates `per_edge` rays along each edge of a pixel, at least one.
-    pub(crate) fn new(per_edge: usize) -> Self {
+    pub fn new(per_edge: usize) -> Self {
         Self { per_edge: per_edge.max(1) }
     }
 

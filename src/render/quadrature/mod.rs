@@ -21,13 +21,15 @@ use std::fmt;
 use std::str::FromStr;
 
 /// The names of all rules, for help and errors; a macro, for `concat!`.
-macro_rules! rules {
+#[macro_export]
+#[doc(hidden)]
+macro_rules! quadrature_rules {
     () => {
         "exact, preintegrated, preintegrated:TOLERANCE (largest error of a pixel, in units of the brightest color), \
          midpoint:STEP or riemann:STEP (in voxels; without a bound of the error)"
     };
 }
-pub(crate) use rules;
+pub use quadrature_rules as rules;
 
 /// The most knots of a transfer function through which exact quadrature is the default.
 const FEW_KNOTS: usize = 32;
@@ -87,7 +89,7 @@ impl Quadrature {
     }
 
     /// True for pre-integration with any tolerance.
-    pub(crate) fn is_preintegrated(self) -> bool {
+    pub fn is_preintegrated(self) -> bool {
         matches!(self, Self::Preintegrated(_))
     }
 }
