@@ -6,15 +6,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// A flag that asks computations to stop. Clones refer to the same flag.
 ///
 /// A pass that was stopped leaves incomplete sums; its caller asks [`Cancel::requested`] before it uses them.
-///
-/// ```
-/// use cumulo::cancel::Cancel;
-///
-/// let cancel = Cancel::new();
-/// let elsewhere = cancel.clone();
-/// std::thread::spawn(move || elsewhere.request()).join().unwrap();
-/// assert!(cancel.requested() && !Cancel::NEVER.requested());
-/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Cancel(Option<Arc<AtomicBool>>);
 

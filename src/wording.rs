@@ -3,16 +3,7 @@
 //! Errors, warnings and remarks name a setting as the library does, between brackets that nothing else is written in:
 //! `⟨density_scale⟩`, with a value `⟨background=1,1,1⟩`, of another use case `⟨convert.crop⟩`. Each face of the program
 //! says them in words of its own: the command line says `--density-scale`, and without a face they stand in backticks.
-//! A process has one face, as it has one language:
-//!
-//! ```standalone_crate
-//! use cumulo::prelude::*;
-//! use cumulo::wording::{Mention, speak_as};
-//!
-//! speak_as(|Mention { setting, .. }| Some(format!("'{}'", setting.replace('_', " "))));
-//! let error = PoseSettings { iterations: 0, ..PoseSettings::default() }.run(&Context::default()).unwrap_err();
-//! assert!(error.to_string().starts_with("'iterations' is 0"), "{error}");
-//! ```
+//! A process has one face, as it has one language, which [`speak_as`] tells.
 
 use std::borrow::Cow;
 use std::sync::OnceLock;

@@ -2,7 +2,16 @@
 //!
 //! Each one has plain settings with a method `run(&self, &Context) -> Result<Report>`. The [`Context`] tells who
 //! watches the work and what stops it. A use case knows no command line: the face that runs it makes the settings,
-//! shows the progress and words the report and the errors.
+//! shows the progress and words the report and the errors. A process has one face, as it has one language:
+//!
+//! ```standalone_crate
+//! use cumulo::prelude::*;
+//! use cumulo::wording::{Mention, speak_as};
+//!
+//! speak_as(|Mention { setting, .. }| Some(format!("'{}'", setting.replace('_', " "))));
+//! let error = PoseSettings { iterations: 0, ..PoseSettings::default() }.run(&Context::default()).unwrap_err();
+//! assert!(error.to_string().starts_with("'iterations' is 0"), "{error}");
+//! ```
 
 pub mod capture;
 pub mod checks;
