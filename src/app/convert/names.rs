@@ -14,8 +14,12 @@ pub enum Convention {
     Karma,
 }
 
-/// Names that mean the same, in lower case, and how Blender, Houdini, Arnold and Karma spell them; the guide's page on
-/// volumes names the sources. Arnold's `standard_volume` has default channels for density and temperature alone.
+/// Names that mean the same, in lower case, and how Blender, Houdini, Arnold and Karma spell them. Arnold's
+/// `standard_volume` has default channels for density and temperature alone. Sources:
+/// - Blender, Principled Volume:
+///   <https://docs.blender.org/manual/en/latest/render/shader_nodes/shader/volume_principled.html>
+/// - Houdini, Pyro Solver: <https://www.sidefx.com/docs/houdini/nodes/dop/pyrosolver-.html>
+/// - Karma, Pyro Shader: <https://www.sidefx.com/docs/houdini/nodes/vop/kma_pyroshader.html>
 const ROLES: [(&[&str], [Option<&str>; 4]); 5] = [
     (&["density"], [Some("density"); 4]),
     (&["temperature"], [Some("temperature"); 4]),
