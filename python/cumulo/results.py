@@ -1,8 +1,11 @@
 """Reports of the program as dataclasses.
 
-Fields have the names of the JSON's keys. Keys that a class does not know (of a newer program) are kept in
-`extra`, and `json` is the report as it came. Paths are `pathlib.Path`; lengths are in world units,
-positions and matrices in world space, matrices row by row and acting on columns, times in seconds.
+Fields have the names of the JSON's keys. Keys that a class does not know (of a newer program, or of one kind of files
+alone) are kept in `extra`, and `json` is the report as it came. Paths are `pathlib.Path`; lengths are in world units,
+positions and matrices in world space, matrices row by row and acting on columns, times in seconds. A figure that is not
+finite is None.
+
+Written by python/report_classes.py from the program's schemas, not by hand.
 """
 
 from __future__ import annotations
@@ -11,19 +14,6 @@ import dataclasses
 import pathlib
 from typing import Any
 
-from .comparisons import (
-    ChannelTests,
-    Comparison,
-    Difference,
-    FrameFigures,
-    GridDifference,
-    MeanTest,
-    Noise,
-    Region,
-    RegionTests,
-    SpreadTest,
-    Statistics,
-)
 from .report import Report
 
 __all__ = [
@@ -79,88 +69,124 @@ __all__ = [
     "Viewpoints",
 ]
 
-Matrix = tuple[tuple[float, ...], ...]
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Caution(Report):
-    """Something that makes a result doubtful: `what`, and what to `do`."""
+    """A remark on a result that the user should know of."""
 
-    what: str
     do: str
+    """Remedy: the setting that would fit."""
+    what: str
+    """Contradiction: the value found, and the value expected."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Failed(Report):
     """A frame without a result."""
 
-    frame: int
+    code: str
+    """Code of the error, for programs."""
     error: str
+    """The error with its remedy."""
+    frame: int
+    """Number of the frame."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Renewed(Report):
+    """Frames that one changed input had made again."""
+
+    frames: list[int]
+    """Numbers of the frames."""
+    input: pathlib.Path
+    """Path of the input."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Stage(Report):
-    """A stage of the work and the seconds that it took."""
+    """A stage of the work and the wall time it took."""
 
     name: str
-    seconds: float
+    """Name of the stage."""
+    seconds: float | None
+    """Wall time in seconds."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Provenance(Report):
-    """What made a file: `inputs` are SHA-256 sums by path, `settings` one of what the result depends on."""
+    """Provenance of an output: program, origin, settings, inputs and wall time."""
 
-    software: str
     command: str
+    """Command line, its words quoted for a shell; of work for another face, what that calls itself."""
     inputs: dict[str, str]
-    use_case: str = ""
-    settings: str = ""
-    seconds: float | None = None
+    """SHA-256 of the bytes of each input in hexadecimal digits, by the input's path."""
+    seconds: float | None
+    """Seconds from the start of the work to the writing of the output."""
+    settings: str | None = None
+    """SHA-256 of the settings that results depend on, in hexadecimal digits; empty where none are stated."""
+    software: str
+    """Name and version of the program."""
+    use_case: str | None = None
+    """Name of the use case, such as `render`; empty where none is stated."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Up(Report):
-    """Up axis, "Y" or "Z", and why it was taken."""
+    """Up axis with the reason for it."""
 
     axis: str
+    """Axis that points upwards."""
     reason: str
+    """Reason for the axis, in words."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Rendered(Report):
-    """Pictures of `cumulo.render`: `output` is the folder with the EXRs and transforms.json.
+    """Report of views."""
 
-    `paths` counts paths and collisions where light scatters, `plan` says which effects were simulated.
-    """
-
-    output: pathlib.Path
-    views: int
+    density_scale: float | None
+    """Extinction per unit of density and length; none for a scene whose volumes have different ones."""
+    density_scales: list[float] = dataclasses.field(default_factory=list)
+    """Density scales of the volumes of a scene file or a stage, in their order."""
+    early_stop: dict[str, Any] | None = None
     model: str
-    density_scale: float | None = None
-    density_scales: list[float] | None = None
-    tone_mapping: dict[str, Any] | None = None
+    output: pathlib.Path
+    paths: dict[str, Any] | None = None
+    plan: dict[str, Any] | None
+    """Plan of a scene that may scatter, or out of which something may be left."""
     quadrature: str | None = None
     quadrature_error_bound: float | None = None
-    early_stop: dict[str, Any] | None = None
-    paths: dict[str, Any] | None = None
-    plan: dict[str, Any] | None = None
-    sky: Any = None
-    up: Up | None = None
-    seconds: float
+    """Bound of the error that the quadrature makes in any channel of a pixel, in the channel's units; null where no
+    bound is known."""
+    remarks: list[str] = dataclasses.field(default_factory=list)
+    """Remarks on statements of a USD stage that have no effect, and on what is assumed."""
+    seconds: float | None
+    tone_mapping: dict[str, Any] | None = None
+    """How radiance became the samples of PNGs; none if none were written."""
+    up: Up | None
+    """Up axis about which cameras were placed; none where they were given."""
+    views: int
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Iteration(Report):
-    """A step of a reconstruction; `seconds` since the beginning. Volumes have a `loss` and a `level` of resolution,
-    transfer functions an `rms` of the pictures and the weight `smooth` of their prior."""
+    """One iteration, for the progress display and the convergence plot."""
 
+    held_out_psnr_db: float | None
+    """PSNR of the held-out views' transmittance (peak 1), if there are any."""
     iteration: int
-    loss: float | None = None
-    rms: float | None = None
-    smooth: float | None = None
+    """Iteration, all levels counted."""
     level: int | None = None
-    seconds: float | None = None
-    held_out_psnr_db: float | None = None
+    """Level, 0 the finest."""
+    loss: float | None = None
+    """Objective: the weighted RMS of the optical depths' residuals; for the recipe of Weiss & Westermann (2021), the
+    mean absolute difference of the batch's pictures."""
+    rms: float | None = None
+    """Root mean square difference over the rays that were used."""
+    seconds: float | None
+    """Seconds since the start."""
+    smooth: float | None = None
+    """Weight of the prior."""
 
     @property
     def objective(self) -> float | None:
@@ -170,198 +196,526 @@ class Iteration(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Reconstruction(Report):
-    """A reconstruction: a VDB of densities or of a pre-shaded volume.
+    """Record of a reconstruction of voxels."""
 
-    PSNRs are of pictures (peak 1); `held_out` lists the views that were not fitted. `stopped`: by Ctrl-C,
-    with what there was written. `cameras` tells how far refined cameras moved. `history` has the loss by iteration.
-    """
-
+    cameras: dict[str, Any] | None
+    """Cameras that were refined, if `refine_cameras` asks for it."""
     capture: pathlib.Path
-    output: pathlib.Path
-    solver: str
-    grid: str | None
-    layer: str | None
-    iterations: int
-    seconds: float
-    train_psnr_db: float | None
-    held_out_psnr_db: float | None
-    peak_memory_mb: float | None
-    stopped: bool
-    views: int
+    """Path of the pictures' transforms.json."""
+    expected: dict[str, Any] | None
+    """Cost that was expected before the work."""
+    grid: str
+    """Name of the written grid of densities or extinctions."""
     held_out: list[int]
+    """Numbers of the held-out views."""
+    held_out_psnr_db: float | None
+    """PSNR of the held-out views in dB, peak 1; none without such views."""
+    history: list[Iteration]
+    """Every iteration."""
+    iterations: int
+    """Number of iterations over all levels."""
+    layer: str | None
+    """Layer of the pictures, if `layer` names one."""
+    output: pathlib.Path
+    """Path of the VDB that was written."""
+    peak_memory_mb: float | None
+    """Largest resident memory of the process in MB (2²⁰ bytes); none where the system does not tell."""
+    provenance: Provenance
+    """Version, command line and hashes of the inputs."""
+    report: pathlib.Path | None
+    """Path of the page, if `report` requests one."""
+    seconds: float | None
+    """Wall time in seconds up to the writing of the VDB."""
     shown: list[int]
-    voxel_size: tuple[float, ...]
+    """Numbers of the views that the page shows."""
+    solver: str
+    """Solver of the voxels."""
+    stages: list[Stage]
+    """Wall time of each stage."""
+    stopped: bool
+    """True if the user stopped the work."""
+    train_psnr_db: float | None
+    """PSNR of the training views in dB, peak 1; none if the work was stopped before it was measured."""
     unknowns: int
-    expected: dict[str, Any] | None = None
-    cameras: dict[str, Any] | None = None
-    warnings: list[Caution] = dataclasses.field(default_factory=list)
-    report: pathlib.Path | None = None
-    stages: list[Stage] = dataclasses.field(default_factory=list)
-    history: list[Iteration] = dataclasses.field(default_factory=list)
-    provenance: Provenance | None = None
+    """Unknown voxels on the finest level."""
+    views: int
+    """Number of views."""
+    voxel_size: tuple[float, ...]
+    """Edge lengths of the voxels in world units."""
+    warnings: list[Caution]
+    """Contradictions between pictures and model, found before and after the work."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TransferFunction(Report):
-    """A reconstructed transfer function (`output`, .tf.json) of `texels` texels over the densities `domain`.
-
-    `confidence` has a pair for each texel, of its extinction and its colors, from 0 to 1.
-    """
+    """Record of a reconstruction of a transfer function."""
 
     capture: pathlib.Path
-    volume: pathlib.Path
-    output: pathlib.Path
-    grid: str | None
-    solver: str
-    layer: str | None
-    texels: int
+    """Path of the pictures' transforms.json."""
+    confidence: list[tuple[float, ...]]
+    """Confidence of each texel's extinction and color, 0 to 1: the share of the pictures beside that of the prior;
+    empty after a descent."""
     domain: tuple[float, ...]
-    smooth: float | None
-    iterations: int
-    seconds: float
-    train_rms: float | None
-    views: int
+    """Range of densities that the texels cover."""
+    expected: dict[str, Any] | None
+    """Cost that was expected before the work."""
+    grid: str | None
+    """Grid of the volume, if `grid` names one."""
     held_out: list[int]
-    shown: list[int]
+    """Numbers of the held-out views."""
     held_out_psnr_db: float | None
+    """PSNR of the held-out views in dB, peak 1; none without such views."""
     held_out_ssim: float | None
-    quadrature: str
+    """Structural similarity of the held-out views, mean over views; none without such views."""
+    history: list[Iteration]
+    """Every refinement or epoch."""
+    iterations: int
+    """Number of refinements, or of epochs."""
+    layer: str | None
+    """Layer of the pictures, if `layer` names one."""
+    output: pathlib.Path
+    """Path of the transfer function that was written."""
     peak_memory_mb: float | None
+    """Largest resident memory of the process in MB (2²⁰ bytes); none where the system does not tell."""
+    provenance: Provenance
+    """Version, command line and hashes of the inputs."""
+    quadrature: str
+    """Quadrature of the rays."""
+    report: pathlib.Path | None
+    """Path of the page, if `report` requests one."""
+    seconds: float | None
+    """Wall time in seconds up to the writing of the function."""
+    shown: list[int]
+    """Numbers of the views that the page shows."""
+    smooth: float | None
+    """Weight of the smoothness prior."""
+    solver: str
+    """Solver of the texels."""
+    stages: list[Stage]
+    """Wall time of each stage."""
     stopped: bool
-    expected: dict[str, Any] | None = None
-    warnings: list[Caution] = dataclasses.field(default_factory=list)
-    report: pathlib.Path | None = None
-    confidence: list[tuple[float, ...]] = dataclasses.field(default_factory=list)
-    stages: list[Stage] = dataclasses.field(default_factory=list)
-    history: list[Iteration] = dataclasses.field(default_factory=list)
-    provenance: Provenance | None = None
+    """True if the user stopped the work."""
+    texels: int
+    """Number of texels."""
+    train_rms: float | None
+    """Root mean square difference over the rays of the training views, after the last step."""
+    views: int
+    """Number of views."""
+    volume: pathlib.Path
+    """Path of the volume in the pictures."""
+    warnings: list[Caution]
+    """Contradictions between pictures and model, found before and after the work."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PosedCamera(Report):
-    """A camera before and after: RMS of its picture, and how far it turned (degrees) and moved (percent of its distance)."""
+    """A camera before and after the search."""
 
-    picture: str
-    rms_before: float
-    rms_after: float
-    rotated_degrees: float
-    moved_percent: float
     iterations: int
+    moved_percent: float | None
+    """Distance between the positions before and after, in percent of the distance to the volume's centre."""
+    note: str | None
+    picture: str
+    rms_after: float | None
+    """RMS difference of the colors between picture and render, with the camera that the search ended with."""
+    rms_before: float | None
+    """RMS difference of the colors between picture and render, with the camera that the search began with."""
+    rotated_degrees: float | None
+    """Angle in degrees between the camera's axes before and after."""
     undetermined: int
-    unexplained_variance: float | None = None
-    note: str | None = None
+    """Number of the camera's six directions of motion that the picture does not determine: along them it stays."""
+    unexplained_variance: float | None
+    """Share of the picture's variance that the search left unexplained, white noise apart; none if it was stopped."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Posed(Report):
-    """Corrected cameras; `output` is the new capture's JSON."""
+    """Report of a search for cameras."""
 
-    output: pathlib.Path
     cameras: list[PosedCamera]
-    rms_before: float
-    rms_after: float
+    focal_factor: float | None
+    """Focal length divided by that of the capture; none without `solve_focal`."""
     iterations: int
-    focal_factor: float | None = None
-    seconds: float
-    stopped: bool = False
-    warnings: list[Caution] = dataclasses.field(default_factory=list)
-    report: pathlib.Path | None = None
+    output: pathlib.Path
+    report: pathlib.Path | None
+    rms_after: float | None
+    """RMS difference of the colors over all cameras after the search."""
+    rms_before: float | None
+    """RMS difference of the colors over all cameras before the search."""
+    seconds: float | None
+    stopped: bool
+    """True if the search was stopped before its end."""
+    warnings: list[Caution]
+    """Contradictions between the pictures and the model."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Start(Report):
-    """A local search: unit directions from the volume to the camera, and the entropy at its end."""
+    """A local search, from its start to its end."""
 
-    start: tuple[float, ...]
     end: tuple[float, ...]
-    entropy: float
+    """Unit vector from the sphere's centre to the camera at the end."""
+    entropy: float | None
+    """Opacity entropy of the picture at the end."""
     iterations: int
-    view: int | None = None
+    """Number of evaluations."""
+    start: tuple[float, ...]
+    """Unit vector from the sphere's centre to the camera at the start."""
+    view: int
+    """Number of the view that the search from this start has reached."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Viewpoints(Report):
-    """Cameras from which a volume shows most; `output` is a capture's JSON, the best first."""
+    """Report of a search for viewpoints."""
 
+    blank: bool
+    """True if the pictures are blank, so that all viewpoints are alike."""
+    density_scale: float | None
+    entropy: float | None
+    """Opacity entropy of the best view."""
+    equivalent_renders: float | None
+    """Wall time of the search divided by that of one picture without derivatives."""
     output: pathlib.Path
     pictures: pathlib.Path | None = None
-    views: int
-    entropy: float
-    sampled_best_entropy: float | None = None
+    """Folder of the pictures; none if only cameras were asked for."""
+    render_seconds: float | None
+    """Wall time of one picture without derivatives."""
+    report: pathlib.Path | None
+    sampled_best_entropy: float | None
+    sampled_seconds: float | None
+    """Wall time of the samples; none without `samples`."""
+    seconds: float | None
+    """Wall time of the search."""
     starts: list[Start]
-    blank: bool
     stopped: bool
-    density_scale: float
-    seconds: float
-    sampled_seconds: float | None = None
-    render_seconds: float
-    equivalent_renders: float
-    up: Up | None = None
-    report: pathlib.Path | None = None
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Renewed(Report):
-    """Frames that were there and were made again, since `input` has changed."""
-
-    input: pathlib.Path
-    frames: list[int]
+    """True if the search was stopped before its end."""
+    up: Up
+    """Axis with respect to which the cameras stand upright."""
+    views: int
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Accuracy(Report):
-    """Noise that came in and error that is left, as frames tell them without a reference: root mean squares."""
+    """Noise that came in and error that is left, of the first layer, as the frames themselves tell them without a
+    reference: root mean squares over pixels and channels, in the units of the colors."""
 
-    frames: int
-    noise: float
-    error: float
-    error_high: float
+    as_it_was: float | None
+    """Share of the picture, as far as it is not empty, that is much as it was: it has no noise, or the frames around do
+    not show it."""
+    error: float | None
+    error_high: float | None
     """Upper end of the 95 % interval of the error, as far as the estimate errs by chance."""
-    gain_db: float
-    relative_error: float
-    as_it_was: float
-    """Share of the picture that is much as it was."""
+    frames: int
+    """Number of frames that it is estimated from: those that have frames on both sides."""
+    gain_db: float | None
+    """Decibels by which the error is below the noise."""
+    noise: float | None
+    relative_error: float | None
+    """Error over the root mean square of the denoised colors."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Denoised(Report):
-    """A denoised sequence; `output` is the pattern of its frames' names."""
+    """Report of a denoised sequence."""
 
-    output: str
-    method: str
-    denoised: int
-    skipped: int
-    renewed: list[Renewed] = dataclasses.field(default_factory=list)
-    failed: list[Failed]
-    cuts: list[int]
-    filled: int
-    filled_frames: list[int]
-    at_rest: bool
     alpha_contradicts: bool
-    estimate: Accuracy | None = None
-    seconds: float
-    seconds_denoising: float
+    """True if the alpha that comes with the motion contradicts that of the pictures, which is used in its place
+    then."""
+    at_rest: bool
+    """True if no frame had a motion other than 0."""
+    cuts: list[int]
+    """First frames of the shots after the first."""
+    denoised: int
+    estimate: Accuracy | None
+    """Estimate of the noise that came in and of the error that is left; none where frames do not tell it."""
+    failed: list[Failed]
+    filled: int
+    """Number of pixels whose color or alpha was not finite and has been filled in."""
+    filled_frames: list[int]
+    """Frames that have such pixels."""
+    method: str
+    output: str
+    renewed: list[Renewed] = dataclasses.field(default_factory=list)
+    """Frames that were there and were denoised again, by the input that has changed."""
+    seconds: float | None
+    seconds_denoising: float | None
+    """Seconds of the denoising alone."""
+    skipped: int
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Motion(Report):
-    """Motion of a sequence; `largest` in pixels, `output` is the pattern of the frames' names."""
+    """Report of the motion of frames."""
 
-    output: str
-    frames: int
-    failed: list[Failed]
-    largest: float
     density_scale: float | None
-    seconds: float
+    """Extinction per world unit at a density of 1; none for scene files and stages, which state their own."""
+    failed: list[Failed]
+    frames: int
+    largest: float | None
+    """Largest motion from the frame before, in pixels."""
+    output: str
+    seconds: float | None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FrameFigures(Report):
+    """Figures of a frame."""
+
+    flicker_psnr_db: float | None
+    """PSNR of the change from the frame before; `null` for the first, and without any error."""
+    flip: float | None = None
+    frame: int
+    max_abs: float | None
+    psnr_db: float | None
+    """`null` for identical colors."""
+    rel_mse: float | None
+    ssim: float | None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Comparison(Report):
+    """Report of two pictures. Truth value: `not differ`."""
+
+    alpha_max_abs: float | None = None
+    """Largest absolute difference of alpha."""
+    beside: dict[str, Any] | None = None
+    """The sequence of `beside` against the same reference."""
+    converted: str | None = None
+    """Conversion of the first picture's colors to the primaries of the second."""
+    differ: bool
+    differences: list[str] = dataclasses.field(default_factory=list)
+    """Differences between the pictures beside their samples, in words."""
+    failed: list[Failed] = dataclasses.field(default_factory=list)
+    """Frames that could not be read or compared."""
+    flicker_psnr_db: float | None = None
+    """Of the mean squared error of the changes from frame to frame."""
+    flip: float | None = None
+    frames: list[FrameFigures] = dataclasses.field(default_factory=list)
+    heatmap_scale: float | None = None
+    layers: tuple[str, ...] | None = None
+    left_out: list[int] = dataclasses.field(default_factory=list)
+    """Frames that not all of the sequences have."""
+    max_abs: float | None
+    """Largest absolute difference of a color channel."""
+    non_finite_differences: int | None = None
+    """Number of pixels left out in which the two pictures are not identical."""
+    non_finite_pixels: int | None = None
+    """Number of pixels left out because one of the pictures is NaN or infinite there."""
+    peak: float | None
+    """Signal peak that `psnr_db` and `ssim` refer to."""
+    psnr_db: float | None
+    """Peak signal-to-noise ratio in dB; infinite for identical colors, which JSON writes as `null`."""
+    rel_mse: float | None
+    """Relative mean squared error: the mean of (a - b)² / (b² + 0.01) over pixels and color channels."""
+    report: pathlib.Path | None = None
+    rms: float | None = None
+    """Root mean square difference over pixels and color channels."""
+    size: tuple[int, ...] | None = None
+    """Width and height in pixels."""
+    ssim: float | None
+    """Structural similarity, mean over the color channels; 1 for identical colors."""
+
+    def __bool__(self) -> bool:
+        return not self.differ
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MeanTest(Report):
+    """Test of the mean difference over all pixels."""
+
+    difference: float | None
+    """Mean of the first side minus that of the second."""
+    freedom: float | None
+    """Degrees of freedom; `null` if infinite."""
+    interval: tuple[float, ...] | None
+    """Interval that holds the difference of the expected means with 95 % confidence; `null` with fewer than one degree
+    of freedom."""
+    p: float | None
+    """Two-sided probability of a larger magnitude of t."""
+    t: float | None
+    """Difference beyond the tolerance by its standard error; `null` if that is 0 and the difference is not."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Region(Report):
+    """A pixel or tile."""
+
+    difference: float | None
+    """Mean difference."""
+    freedom: float | None
+    """Degrees of freedom; `null` if infinite."""
+    height: int
+    """Height in pixels."""
+    standard_error: float | None
+    """Standard error of the mean difference."""
+    t: float | None
+    """Difference beyond the tolerance by its standard error; `null` if that is 0 and the difference is not."""
+    width: int
+    """Width in pixels."""
+    x: int
+    """Column of the first pixel."""
+    y: int
+    """Row of the first pixel."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RegionTests(Report):
+    """Tests of regions of one size."""
+
+    count: int
+    """Number of regions."""
+    p: float | None
+    """Probability that the smallest p-value of all is as small as that found (Šidák)."""
+    worst: Region | None
+    """Region of the smallest p-value."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SpreadTest(Report):
+    """Test of the mean square of the differences against the variances."""
+
+    mean_square: float | None
+    """Mean square of the differences beyond the tolerance."""
+    mean_variance: float | None
+    """Mean variance, which is what the mean square is expected to be."""
+    p: float | None
+    """Probability of a larger z."""
+    z: float | None
+    """Σ w(d² - v) / √Σ w²(d² - v)²; 0 without noise and differences."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ChannelTests(Report):
+    """Tests of a channel."""
+
+    channel: str
+    """Name of the channel."""
+    mean: MeanTest
+    """Test of the mean over the picture."""
+    pixels: RegionTests
+    """Tests of single pixels."""
+    spread: SpreadTest
+    """Test of the spread of the differences."""
+    tiles: RegionTests
+    """Tests of tiles."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Noise(Report):
+    """Noise of a side."""
+
+    freedom: float | None
+    """Smallest degrees of freedom of a pixel's variance; `null` if they are unknown and count as infinite."""
+    pictures: int
+    """Number of pictures read."""
+    remark: str | None = None
+    """Reason to doubt the conclusion."""
+    source: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Statistics(Report):
+    """Verdict on two noisy pictures with what it rests on. Truth value: `not differ`."""
+
+    channels: list[ChannelTests]
+    """Tests by channel."""
+    differ: bool
+    """True if a test found a difference, or pixels that are not finite are not identical."""
+    false_alarm: float | None
+    """Rate of false alarms that was asked for."""
+    heatmap_scale: float | None = None
+    left_out: int
+    """Number of pixels left out because one of the sides has a sample or variance there that is not finite."""
+    noise: dict[str, Any]
+    non_finite_differences: int
+    """Number of pixels left out whose samples are not finite and not identical."""
+    p: float | None
+    """Probability of a result at least as extreme if the expected values are the same, corrected for all tests."""
+    size: tuple[int, ...]
+    """Width and height in pixels."""
+    tolerance: float | None
+    """Difference of expected values that counts as none."""
+
+    def __bool__(self) -> bool:
+        return not self.differ
+
+    @property
+    def sides(self) -> tuple[Noise, Noise]:
+        """Noise of the two sides."""
+        return Noise.of(self.noise["a"]), Noise.of(self.noise["b"])
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GridDifference(Report):
+    """A grid that was compared."""
+
+    agrees_after_turn: dict[str, Any] | None = None
+    """Turn of the second grid after which it agrees with the first; none if it agrees as it lies, or after no turn."""
+    compared: int
+    """Number of these voxels that were compared: all of them, or the part that `Effort` allows."""
+    differs_beyond_f32: bool
+    """True if the values are equal as 32-bit floats, in which differences are measured, but not in the grids' wider
+    type."""
+    incomparable: int
+    """Number of values of which one is finite and the other is not, or whose kinds of infinity differ. They are left
+    out of `rms` and `max_abs`."""
+    max_abs: float | None
+    """Largest absolute difference of a value."""
+    multiple: dict[str, Any] | None
+    """The multiple of A that B is nearest to; `None` if either is 0 everywhere, or they are equal."""
+    name: str
+    name_in_b: str | None = None
+    """Name of the grid in the second file, if it differs from the name in the first."""
+    psnr_db: float | None
+    """PSNR in dB, `20 log10(peak / rms)` with `peak = max |A|` over active voxels; `None` if `rms` or the peak is 0."""
+    rms: float | None
+    """Root mean square difference over all voxels and components of the domain."""
+    sampled: bool
+    """True if figures are estimates from a part of the voxels. `max_abs` is the largest difference of that part."""
+    topology_iou: float | None
+    """Intersection over union of the topologies: voxels active in both over voxels active in either; 1 if none is
+    active."""
+    transform_difference: float | None
+    """Largest distance in world units between the positions of a corner of the domain under the two transforms; 0 if
+    equal."""
+    voxels: int
+    """Number of voxels of the domain."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Difference(Report):
+    """Report of two files. Truth value: `same`."""
+
+    creator: dict[str, Any] | None = None
+    """Creators that the metadata state, if they differ; no difference of the grids."""
+    differences: list[str]
+    """Differences between the files, in words."""
+    grids: list[GridDifference]
+    not_compared: list[str]
+    """Names of point grids in both files, which are neither same nor different."""
+    of_other_kind: list[str]
+    """Names of grids that hold points in one file and values in the other: a difference."""
+    only_in_a: list[str]
+    only_in_b: list[str]
+    same: bool
+    up: dict[str, Any] | None = None
+    """Up axes, if they differ: a difference if both files state theirs. What states no axis is taken for Z-up."""
+
+    def __bool__(self) -> bool:
+        return self.same
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FileInfo(Report):
-    """What is in a file; `format` is "vdb", "exr" or "capture", and `extra` holds the keys of that format:
-    `grids`, `parts` or `frames`."""
+    """Content of a file, tagged in JSON with the name of its `Format`."""
 
+    error: dict[str, Any] | None = None
+    """Error that kept the file, or a layer of a stage, from being read."""
+    format: str | None = None
+    frame: int | None = None
+    """Number of the frame, of a file of a sequence."""
     path: pathlib.Path
-    format: str
 
     @property
     def grids(self) -> list[dict[str, Any]]:
@@ -371,144 +725,59 @@ class FileInfo(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Files(Report):
-    """What is in several files."""
+    """Report of what is in files."""
 
     files: list[FileInfo]
+    """Files in the order in which they were given; those of sequences frame by frame."""
+    sequences: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sheet(Report):
-    """A contact sheet: `shows` is "volume", "picture", "capture" or "sequence", `size` the sheet's width and height in
-    pixels, and `extra` holds the keys of that kind."""
+    """A sheet of a file."""
 
+    exposure: float | None
+    """Exposure of the picture in stops."""
     input: pathlib.Path
     output: pathlib.Path | None
-    size: tuple[int, ...]
+    """PNG that was written; none if the sheet was only shown."""
     shows: str
+    size: tuple[int, ...]
+    """Width and height of the sheet in pixels."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Viewed(Report):
-    """Contact sheets of `cumulo.view`, one for each file that could be shown."""
+    """Report on contact sheets."""
 
-    sheets: list[Sheet]
     failed: list[dict[str, Any]] = dataclasses.field(default_factory=list)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Transfer(Report):
-    """A transfer function: `range` are its first and last density, `peak_extinction` is per world unit, `empty_at_zero`
-    says that density 0 absorbs nothing. `output` is the `.tf.json` that was written."""
-
-    input: pathlib.Path
-    output: pathlib.Path | None
-    source: str
-    name: str | None
-    kind: str
-    entries: int
-    parameters: int
-    range: tuple[float, ...]
-    peak_extinction: float
-    peak_color: tuple[float, ...]
-    empty_at_zero: bool
-    presets: list[str]
-    notes: list[str]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Preset(Report):
-    """A transfer function that is there by name: the densities at its ends, their `unit` (such as "HU"), and in words
-    its colors, its opacity and where it comes from."""
-
-    name: str
-    range: tuple[float, ...]
-    unit: str
-    colors: str
-    opacity: str
-    source: str
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Presets(Report):
-    """Transfer functions that are there by name."""
-
-    functions: list[Preset]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class AuthoredVolume(Report):
-    """A volume of a stage: the path of its prim, the number of its files, the names of its grids, and the box (low, high)
-    around all frames."""
-
-    prim: str
-    files: int
-    fields: list[str]
-    bounds: Matrix | None
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Authored(Report):
-    """A stage of `cumulo.usd.author`; `frames` are the first and the last."""
-
-    output: pathlib.Path
-    frames: tuple[int, ...] | None
-    volumes: list[AuthoredVolume]
-    cameras: int
-    lights: int
-    up: Up | None = None
-    warnings: list[Caution] = dataclasses.field(default_factory=list)
-    provenance: Provenance | None = None
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class LintFinding(Report):
-    """A finding about a stage: its stable `id`, the prim, `what` is wrong and what to `do`; notes do not count as faults.
-    `fixed`: the layer that was written removes it."""
-
-    id: str
-    severity: str
-    prim: str | None
-    what: str
-    do: str
-    fixed: bool
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class LintedStage(Report):
-    """What is wrong with a stage."""
-
-    path: pathlib.Path
-    findings: list[LintFinding]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Linted(Report):
-    """What is wrong with stages; `layer` is the one that was written. Truth value: nothing is wrong that is left."""
-
-    clean: bool
-    stages: list[LintedStage]
-    layer: pathlib.Path | None
-
-    def __bool__(self) -> bool:
-        return self.clean
+    """Files without a sheet."""
+    sheets: list[Sheet]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FileFindings(Report):
     """What is wrong with a file."""
 
-    path: pathlib.Path
-    format: str | None = None
-    valid: bool
+    error: dict[str, Any] | None = None
+    """Error that kept the file from being read."""
     findings: list[dict[str, Any]]
+    format: str | None
+    """Format of the file; none if it could not be read."""
+    frame: int | None = None
+    """Number of the frame, of a file of a sequence."""
+    path: pathlib.Path
+    valid: bool
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Validation(Report):
-    """What is wrong with files. Truth value: nothing is."""
+    """Report of what is wrong with files, and what to do. Truth value: `valid`."""
 
-    valid: bool
     files: list[FileFindings]
+    """Files in the order in which they were given; those of sequences frame by frame."""
+    sequences: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    valid: bool
 
     def __bool__(self) -> bool:
         return self.valid
@@ -516,116 +785,278 @@ class Validation(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ArrayGrid(Report):
-    """Place of a grid's array: indices of its voxel [0, 0, 0] in the grid, and the [4][4] matrix from the array's
-    indices to the world."""
+    """Where a grid's voxels lie, and what its values are."""
 
-    name: str
-    class_: str = ""
-    index_origin: tuple[int, ...]
-    transform: Matrix
-    background: tuple[float, ...]
     active_voxels: int
-    value_type: str = ""
-    shape: tuple[int, ...] = ()
-    least: float | None = None
-    greatest: float | None = None
-    non_finite: int = 0
-    removed: int = 0
-    removed_greatest: float | None = None
-    removed_share: float = 0.0
-    rounded: int = 0
-    overflowed: int = 0
-    vanished: int = 0
+    background: tuple[float, ...]
+    """Value outside."""
+    class_: str
+    greatest: float | None
+    """Largest finite value."""
+    index_origin: tuple[int, ...]
+    """Index coordinates of the array's voxel [0, 0, 0]."""
+    least: float | None
+    """Smallest finite value, the background's 0 included if a voxel has it."""
+    name: str
+    non_finite: int
+    """Number of values that are NaN or infinite."""
+    overflowed: int
+    """Number of finite values that become infinite as 32-bit floats."""
+    removed: int
+    """Number of values other than 0 that the threshold made background."""
+    removed_greatest: float | None
+    """Largest value that the threshold made background."""
+    removed_share: float | None
+    """Share of the sum of all magnitudes that the threshold removed."""
+    rounded: int
+    """Number of whole numbers beyond 2²⁴ that the grid's 32-bit floats round."""
+    shape: tuple[int, ...]
+    """Number of voxels along x, y and z."""
+    transform: tuple[tuple[float, ...], ...]
+    """Matrix from the array's indices to the world, row by row, acting on columns; indices are those of centres."""
+    value_type: str
+    """OpenVDB's name for the type of the values."""
+    vanished: int
+    """Number of values other than 0 that become 0 as 32-bit floats."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ArrayLayer(Report):
-    """Layer that an array was made of, with its channels in the array's order."""
+    """Layer of a picture that became an array."""
 
-    name: str
     channels: list[str]
+    name: str
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Converted(Report):
-    """A converted file: `grids` of a VDB that was written; `shape`, `axes`, and `grid` or `layer` of the only array."""
+    """Report of a VDB with edits, or of an image, an array or a NanoVDB."""
 
-    input: pathlib.Path
-    output: pathlib.Path
-    bytes: int
-    more: list[pathlib.Path] = dataclasses.field(default_factory=list)
-    grids: list[dict[str, Any]] = dataclasses.field(default_factory=list)
-    transfer: dict[str, Any] | None = None
-    warnings: list[str] = dataclasses.field(default_factory=list)
-    up: dict[str, Any] | None = None
-    shape: tuple[int, ...] | None = None
     axes: tuple[str, ...] | None = None
-    grid: ArrayGrid | None = None
-    layer: ArrayLayer | None = None
+    """Names of the array's axes."""
+    bytes: int
     format: str | None = None
-    tone_mapping: dict[str, Any] | None = None
+    """Format that was read, or that was written."""
+    grid: ArrayGrid | None = None
+    """Grid that was read or written, if there is one alone."""
+    grids: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    input: pathlib.Path
+    layer: ArrayLayer | None = None
+    """Layer that was read, with its channels in the array's order."""
+    more: list[pathlib.Path] = dataclasses.field(default_factory=list)
+    """Other files whose grids were joined with those of the first one."""
     notes: list[str] = dataclasses.field(default_factory=list)
+    """Assumptions of the reader, and losses of the writer."""
+    output: pathlib.Path
+    shape: tuple[int, ...] | None = None
+    """Lengths of the array's axes; empty for several arrays."""
+    tone_mapping: dict[str, Any] | None = None
+    """How radiance became the samples of a PNG."""
+    transfer: dict[str, Any] | None = None
+    """Transfer function that `tf` attached to the grids."""
+    up: dict[str, Any] | None = None
+    """Turn of the world that `up` asked for."""
+    warnings: list[str] = dataclasses.field(default_factory=list)
+    """Edits whose effect may not have been meant."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Effect(Report):
-    """An effect: "on" or "off", why, what it costs (seconds) and how much radiance it adds at most."""
+    """Plan of an effect."""
 
-    name: str
-    state: str
-    reason: str
-    cost: float | None
     bound: float | None
+    """Upper bound of the radiance that is left out in any channel of a pixel; for an effect that is on, of what would
+    be missing without it. None where nothing finite is known."""
+    cost: float | None
+    """Seconds a picture that it takes, as far as a `pilot` has told."""
+    name: str
+    """Effect."""
+    reason: str
+    """Why."""
+    state: str
+    """State of the effect."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Plan(Report):
-    """What `cumulo.render` would simulate: `omitted` bounds the radiance left out, `measured` is what a pilot found."""
+    """Report of a plan."""
 
-    input: pathlib.Path
-    views: int
-    size: tuple[int, ...]
-    integrator: str
-    effects: list[Effect]
-    omitted: float | None = None
-    measured: dict[str, Any] = dataclasses.field(default_factory=dict)
     cost: dict[str, Any]
-    up: Up | None = None
+    effects: list[Effect]
+    """Effects."""
+    input: pathlib.Path
+    integrator: str
+    """How light is integrated."""
+    measured: dict[str, Any]
+    """Measurements."""
+    omitted: float | None
+    """Upper bound of the radiance that is left out in any channel of a pixel; none where nothing finite is known."""
+    size: tuple[int, ...]
+    up: Up | None
+    """Up axis about which cameras were placed; none where they were given."""
+    views: int
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Derivative(Report):
-    """A parameter and the loss's derivative with respect to it; `difference` is the difference quotient of a check."""
+    """A parameter with its derivative."""
 
-    name: str
-    value: float
-    gradient: float
     difference: float | None = None
-    rounding: float | None = None
+    gradient: float | None
+    name: str
     relative_error: float | None = None
+    rounding: float | None = None
+    """Error of the difference quotient that rounding of the loss alone may have made."""
+    value: float | None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Gradient(Report):
-    """A loss on pictures of a volume and its derivatives."""
+    """Report of derivatives, and of their check."""
 
+    adjoint: str | None
+    checked: int | None = None
+    """Number of listed parameters that have a difference quotient; none if they are not checked."""
     input: pathlib.Path
     loss: str
-    value: float
-    parameters: int
     mode: str
-    adjoint: str | None = None
-    reason: str
+    output: pathlib.Path | None
+    parameters: int
+    """Number of parameters; of the voxels, only the largest derivatives are listed."""
     precision: str
+    provenance: Provenance | None
     quadrature: str
-    views: int
-    up: Up | None = None
-    rows: list[Derivative]
-    checked: int | None = None
-    worst_relative_error: float | None = None
-    warnings: list[Caution] = dataclasses.field(default_factory=list)
-    tolerance: float | None = None
-    output: pathlib.Path | None = None
+    reason: str
     report: pathlib.Path | None = None
-    seconds: float | None = None
-    provenance: Provenance | None = None
+    """Path of the page; none if none was written."""
+    rows: list[Derivative]
+    seconds: float | None
+    tolerance: float | None
+    up: Up | None
+    """Up axis about which cameras were placed; none where the target states them."""
+    value: float | None
+    views: int
+    warnings: list[Caution]
+    """Contradictions between the pictures and the model."""
+    worst_relative_error: float | None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Transfer(Report):
+    """A transfer function that was read."""
+
+    empty_at_zero: bool
+    """True if density 0 absorbs nothing, so that empty space can be skipped."""
+    entries: int
+    """Number of texels, points or lobes; 1 for an identity."""
+    input: pathlib.Path
+    kind: str
+    """Kind of function: `texture`, `piecewise`, `gaussians` or `identity`."""
+    name: str | None
+    notes: list[str]
+    output: pathlib.Path | None
+    parameters: int
+    """Number of parameters that can be optimised."""
+    peak_color: tuple[float, ...]
+    """Greatest radiance of the source, by color channel."""
+    peak_extinction: float | None
+    """Greatest extinction, per world unit."""
+    presets: list[str]
+    range: tuple[float, ...]
+    """First and last density of the function's range."""
+    source: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Preset(Report):
+    """Description of a transfer function that is chosen by name."""
+
+    colors: str
+    """Colors from the low end to the high one, in words."""
+    name: str
+    """Name, as `tf` takes it."""
+    opacity: str
+    """How opacity or extinction depends on the density, in words."""
+    range: tuple[float, ...]
+    """Densities at its two ends."""
+    source: str
+    """Origin of colors and ranges."""
+    unit: str
+    """Unit of the densities: `HU` for Hounsfield units, or empty."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Presets(Report):
+    """The transfer functions that are there by name."""
+
+    functions: list[Preset]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AuthoredVolume(Report):
+    """A volume of the stage."""
+
+    bounds: tuple[tuple[float, ...], ...] | None
+    """World-space box around all frames; none if there is nothing to be seen."""
+    fields: list[str]
+    """Names of the grids."""
+    files: int
+    prim: str
+    """Path of the prim."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Authored(Report):
+    """Report on a stage that was written."""
+
+    cameras: int
+    frames: tuple[int, ...] | None
+    lights: int
+    output: pathlib.Path
+    provenance: Provenance
+    up: Up
+    """Up axis of the stage."""
+    volumes: list[AuthoredVolume]
+    warnings: list[Caution]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LintFinding(Report):
+    """A finding about a stage."""
+
+    do: str
+    """Advice to the user."""
+    fixed: bool
+    """True if the layer removes it."""
+    id: str
+    """Kind of finding, which stays the same from release to release."""
+    prim: str | None
+    """Path of the prim; `None` if the finding concerns the whole stage."""
+    severity: str
+    """Severity."""
+    what: str
+    """Description of the fault: what was found, and what was expected."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LintedStage(Report):
+    """What is wrong with a stage."""
+
+    error: dict[str, Any] | None = None
+    """Error that kept the stage from being read."""
+    findings: list[LintFinding]
+    path: pathlib.Path
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Linted(Report):
+    """Report on stages. Notes do not count as problems. Truth value: `clean`."""
+
+    clean: bool
+    """True if no stage has a problem that is left."""
+    layer: pathlib.Path | None
+    """Layer that was written; none if nothing could be fixed."""
+    stages: list[LintedStage]
+
+    def __bool__(self) -> bool:
+        return self.clean

@@ -14,7 +14,7 @@ PACKAGE = pathlib.Path(__file__).resolve().parents[1]
 BLENDER = {"blender", "bpy_scene", "cycles", "noise", "padding"}
 MODULES = sorted(p.stem for p in (PACKAGE / "cumulo").glob("*.py") if p.stem not in BLENDER | {"__init__"})
 # Modules that were written with types; each function of theirs is annotated.
-TYPED = ["arrays", "capture", "commands", "comparisons", "exr", "options", "plots", "reconstruct", "report", "results", "run"]
+TYPED = ["arrays", "capture", "commands", "exr", "options", "plots", "reconstruct", "report", "results", "run"]
 TYPED += ["testing", "transfer", "usd"]
 
 TUTORIAL = """

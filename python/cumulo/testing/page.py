@@ -88,7 +88,7 @@ def _mark(found: results.Report) -> str:
     """Outline, in percent of the picture, of the region that differs most."""
     if not isinstance(found, results.Statistics):
         return ""
-    regions = [(test.p, test.worst) for c in found.channels for test in (c.tiles, c.pixels) if test.worst]
+    regions = [(test.p, test.worst) for c in found.channels for test in (c.tiles, c.pixels) if test.worst and test.p is not None]
     if not regions:
         return ""
     region = min(regions, key=lambda r: r[0])[1]
@@ -114,7 +114,7 @@ def _statistics(found: results.Statistics) -> str:
     """Table of the tests; rows that found a difference are marked."""
     rows = []
     # Each test is one of as many as there are rows.
-    limit = 1 - (1 - found.false_alarm) ** (1 / (4 * len(found.channels)))
+    limit = 1 - (1 - (found.false_alarm or 0)) ** (1 / (4 * len(found.channels)))
     for c in found.channels:
         interval = f"{c.mean.interval[0]:+.2e} to {c.mean.interval[1]:+.2e}" if c.mean.interval else "unknown"
         rows.append((c.channel, "mean", c.mean.t, c.mean.p, f"{c.mean.difference:+.2e} ({interval} with 95 % confidence)"))

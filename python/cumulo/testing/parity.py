@@ -62,7 +62,7 @@ class Parity:
             worst = min(
                 ((name, c.channel, test.p) for c in found.channels for name, test in _tests(c)), key=lambda t: t[2]
             )
-            p = f"p = {found.p:.1e}" if found.p > 0 else "p below 1e-300"
+            p = f"p = {found.p:.1e}" if found.p else "p below 1e-300"
             words = f"the expected values differ, {p} of all tests; most clearly {worst[0]} of {worst[1]}"
             self._fail(reference, words, found, made, (expected, actual), candidate)
         return found
@@ -74,7 +74,8 @@ class Parity:
         expected, made, actual = self._pictures(reference, candidate, [seed], [seed])
         found = commands.compare(actual[0], expected[0], tolerance=tolerance)
         if not found:
-            most = max(found.max_abs, found.alpha_max_abs or 0)
+            # A difference that is not finite is None.
+            most = max(math.inf if found.max_abs is None else found.max_abs, found.alpha_max_abs or 0)
             sample = f"a sample differs by {most:.3e}, {tolerance:.3e} is allowed"
             words = sample if most > tolerance else f"they differ: {'; '.join(found.differences)}"
             self._fail(reference, words, found, made, (expected, actual), candidate)

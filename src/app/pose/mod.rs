@@ -97,6 +97,7 @@ impl Default for PoseSettings {
     }
 }
 
+/// A camera before and after the search.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 struct CameraReport {
     picture: String,

@@ -51,6 +51,7 @@ pub struct ValidateReport {
     sequences: Vec<CheckedSequence>,
 }
 
+/// What is wrong with a file.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Checked {
     #[serde(serialize_with = "crate::app::paths::text")]

@@ -125,6 +125,7 @@ impl Default for ViewpointSettings {
 /// Settings that say how the search is done.
 const MANNER: [&str; 3] = ["overwrite", "resume", "max_memory"];
 
+/// A local search, from its start to its end.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Start {
     /// Unit vector from the sphere's centre to the camera at the start.

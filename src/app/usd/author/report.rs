@@ -26,6 +26,7 @@ pub struct AuthorReport {
     provenance: Provenance,
 }
 
+/// A volume of the stage.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Written {
     /// Path of the prim.
