@@ -20,6 +20,7 @@ pub mod context;
 pub mod convert;
 pub mod denoise;
 pub mod diff;
+pub(crate) mod earlier;
 pub mod failed;
 pub mod failure;
 pub mod function;

@@ -1,13 +1,11 @@
-//! Checks of the files that a use case writes, before its work: names that fit their content, and files of other
-//! settings.
+//! Checks of the files that a use case writes, before its work: names that fit their content, in folders that can be
+//! written to.
 
-use super::provenance::Provenance;
 use crate::error::{Code, Error, Result};
-use crate::formats::limits::Limits;
-use crate::formats::{atomic, exr, png, protected, transforms};
+use crate::formats::atomic;
 use crate::report::FILE_NAME as PAGE;
 use std::ffi::OsStr;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Kind of an output file's content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -129,95 +127,6 @@ fn refuse_dash(path: &Path) -> Result<()> {
     Err(Error::unsupported("standard output is no place for files")
         .at(path)
         .hint("give the name of a file or folder; ⟨json⟩ prints the report on standard output"))
-}
-
-/// Makes sure that a capture and its pictures replace only files that the same settings wrote before.
-///
-/// # Errors
-/// If another capture, or a picture, would be replaced; the error names it.
-pub(crate) fn spare_captures(json: &Path, pictures: &[PathBuf], provenance: &Provenance) -> Result<()> {
-    let hint = "give another folder, or ⟨overwrite⟩ to replace it";
-    if json.exists() {
-        if is_own_capture(json, provenance) {
-            return Ok(());
-        }
-        return Err(Error::invalid("another capture lies here, and would be replaced with its pictures")
-            .coded(Code::OutputExists)
-            .at(json)
-            .hint(hint));
-    }
-    match pictures.iter().find(|p| p.exists()) {
-        Some(picture) => Err(Error::invalid("a picture lies here that would be replaced")
-            .coded(Code::OutputExists)
-            .at(picture)
-            .hint(hint)),
-        None => Ok(()),
-    }
-}
-
-/// Returns where a capture comes from, if it tells.
-pub(crate) fn provenance(json: &Path) -> Option<Provenance> {
-    let mut root = protected::unprotected(json, || transforms::read_object(json, Limits::default())).ok()?;
-    serde_json::from_value(root.remove("provenance")?).ok()
-}
-
-/// Returns true if a capture is there that the same settings wrote.
-pub(crate) fn is_own_capture(json: &Path, own: &Provenance) -> bool {
-    provenance(json).is_some_and(|earlier| own.same_settings(&earlier.settings))
-}
-
-/// Returns true if a picture in OpenEXR or PNG is there that the same settings wrote, whose hash is the picture's
-/// `attribute`.
-///
-/// # Errors
-/// If a picture is there that other settings wrote, or one that is damaged, unless `overwrite` is set.
-pub(crate) fn is_own_picture(path: &Path, attribute: &str, own: &Provenance, overwrite: bool) -> Result<bool> {
-    if !path.exists() {
-        return Ok(false);
-    }
-    let earlier = attributes(path).remove(attribute);
-    if earlier.is_some_and(|earlier| own.same_settings(&earlier)) {
-        return Ok(true);
-    }
-    if overwrite {
-        return Ok(false);
-    }
-    if is_damaged(path) {
-        return Err(Error::invalid("the picture that lies here is damaged or incomplete, and cannot be read")
-            .coded(Code::OutputExists)
-            .at(path)
-            .hint("⟨overwrite⟩ replaces it"));
-    }
-    Err(Error::invalid("a picture lies here that another command made, and would be replaced")
-        .coded(Code::OutputExists)
-        .at(path)
-        .hint("give another name, or ⟨overwrite⟩ to replace it"))
-}
-
-/// Returns true if what lies here is left of a picture that was cut short: a file of 0 bytes, or an OpenEXR file whose
-/// header cannot be read.
-pub(crate) fn is_damaged(path: &Path) -> bool {
-    protected::unprotected(path, || exr::is_damaged(path))
-}
-
-/// Returns true if a picture holds all that its header names; of a PNG, if it is not empty.
-pub(crate) fn is_whole(path: &Path) -> bool {
-    protected::unprotected(path, || match is_png(path) {
-        true => !exr::is_damaged(path),
-        false => exr::is_whole(path),
-    })
-}
-
-fn is_png(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
-}
-
-/// Returns the attributes of a PNG or EXR that are texts; none if it cannot be read.
-pub(crate) fn attributes(path: &Path) -> exr::Attributes {
-    protected::unprotected(path, || match is_png(path) {
-        true => png::texts(path).unwrap_or_default(),
-        false => exr::header(path).map(|header| header.attributes()).unwrap_or_default(),
-    })
 }
 
 #[cfg(test)]

@@ -16,6 +16,17 @@ use std::time::{Instant, SystemTime};
 /// Attribute of a picture that holds the hash of the settings it was made by.
 pub(crate) const SETTINGS: &str = "cumulo:settings";
 
+/// Attribute of a picture that holds the hashes of what it was made from.
+pub(crate) const INPUTS: &str = "cumulo:input";
+/// Metadata of a VDB that holds the hash of the settings that `resume` compares.
+pub(crate) const RESUMABLE: &str = "cumulo_resumable";
+
+/// Settings of a search that say how it is carried out.
+const MANNER: [&str; 3] = ["overwrite", "resume", "max_memory"];
+
+/// Settings of a search that say where it begins, how far it goes and where it writes, whatever is searched for.
+const EXTENT: [&str; 7] = ["output", "pictures", "cameras", "report", "init", "iterations", "samples"];
+
 /// Provenance of an output: program, origin, settings, inputs and wall time.
 #[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Provenance {
@@ -29,6 +40,10 @@ pub struct Provenance {
     /// SHA-256 of the settings that results depend on, in hexadecimal digits; empty where none are stated.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub settings: String,
+    /// SHA-256 of the settings that `resume` compares, in hexadecimal digits: all but those of where the work begins,
+    /// how far it goes and where it writes; empty for work that does not go on from its output.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub resumable: String,
     /// SHA-256 of the bytes of each input in hexadecimal digits, by the input's path.
     pub inputs: BTreeMap<String, String>,
     /// Seconds from the start of the work to the writing of the output.
@@ -45,6 +60,7 @@ impl Provenance {
             command: context.origin().to_owned(),
             use_case: String::new(),
             settings: String::new(),
+            resumable: String::new(),
             inputs: BTreeMap::new(),
             seconds: 0.0,
             start: Instant::now(),
@@ -55,20 +71,24 @@ impl Provenance {
     /// and do not count: work of the same settings may replace what it has written before, and go on from it.
     #[must_use]
     pub(crate) fn of(self, use_case: &str, settings: &impl Serialize, manner: &[&str]) -> Self {
-        let use_case = use_case.to_owned();
-        // Of settings that no JSON holds nothing is known to be the same.
-        let Ok(mut value) = serde_json::to_value(settings) else { return Self { use_case, ..self } };
-        if let Some(settings) = value.as_object_mut() {
-            settings.retain(|name, _| !manner.contains(&name.as_str()));
-        }
-        let mut hash = Sha256::new();
-        hash.update(format!("{use_case} {value}"));
-        Self { use_case, settings: digits(hash), ..self }
+        Self { use_case: use_case.to_owned(), settings: hash_of_settings(use_case, settings, &[manner]), ..self }
+    }
+
+    /// States the settings of a search, as [`Self::of`] does: work that can go on from its own output.
+    #[must_use]
+    pub(crate) fn of_search(self, use_case: &str, settings: &impl Serialize) -> Self {
+        let resumable = hash_of_settings(use_case, settings, &[&MANNER, &EXTENT]);
+        Self { resumable, ..self.of(use_case, settings, &MANNER) }
     }
 
     /// True if `settings`, the hash that an earlier output states, is that of this work.
     pub(crate) fn same_settings(&self, settings: &str) -> bool {
         !self.settings.is_empty() && self.settings == settings
+    }
+
+    /// True if this work goes on from an output that states `resumable`.
+    pub(crate) fn goes_on_from(&self, resumable: &str) -> bool {
+        !self.resumable.is_empty() && self.resumable == resumable
     }
 
     /// Adds an input: one hash over the bytes of all `files`, in their order.
@@ -107,7 +127,7 @@ impl Provenance {
         if !self.settings.is_empty() {
             all.insert(SETTINGS.into(), self.settings.clone());
         }
-        all.insert("cumulo:input".into(), self.hashes());
+        all.insert(INPUTS.into(), self.hashes());
         all
     }
 
@@ -118,6 +138,9 @@ impl Provenance {
         all.insert("cumulo_command".into(), MetaValue::Text(self.command.clone()));
         all.insert("cumulo_seconds".into(), MetaValue::Float(self.seconds));
         all.insert("cumulo_input".into(), MetaValue::Text(self.hashes()));
+        if !self.resumable.is_empty() {
+            all.insert(RESUMABLE.into(), MetaValue::Text(self.resumable.clone()));
+        }
         all
     }
 
@@ -166,6 +189,18 @@ fn add(hash: &mut Sha256, path: &Path) -> Result<()> {
             n => hash.update(&buffer[..n]),
         }
     }
+}
+
+/// Returns the hash of a use case's settings but for those that `left_out` names; empty for settings that no JSON
+/// holds, of which nothing is known to be the same.
+fn hash_of_settings(use_case: &str, settings: &impl Serialize, left_out: &[&[&str]]) -> String {
+    let Ok(mut value) = serde_json::to_value(settings) else { return String::new() };
+    if let Some(settings) = value.as_object_mut() {
+        settings.retain(|name, _| !left_out.iter().any(|names| names.contains(&name.as_str())));
+    }
+    let mut hash = Sha256::new();
+    hash.update(format!("{use_case} {value}"));
+    digits(hash)
 }
 
 fn digits(hash: Sha256) -> String {
@@ -228,6 +263,19 @@ mod tests {
         assert_eq!(a.len(), 64);
         assert_eq!(a, of(r#"{"resume": true, "samples": 4, "frames": "1-3", "input": "a"}"#));
         assert_ne!(a, of(r#"{"input": "a", "samples": 5, "resume": false}"#));
+    }
+
+    #[test]
+    fn a_search_goes_on_however_far_it_went() {
+        let of = |text: &str| {
+            let settings: serde_json::Value = serde_json::from_str(text).unwrap();
+            Provenance::begin(&Context::default()).of_search("pose", &settings)
+        };
+        let a = of(r#"{"capture": "a", "iterations": 4, "init": null, "resume": false, "output": "o"}"#);
+        let b = of(r#"{"capture": "a", "iterations": 9, "init": "i", "resume": true, "output": "p", "report": "r"}"#);
+        assert!(a.goes_on_from(&b.resumable) && !a.same_settings(&b.settings) && !a.goes_on_from(""));
+        assert!(!a.goes_on_from(&of(r#"{"capture": "b", "iterations": 4}"#).resumable));
+        assert!(!Provenance::begin(&Context::default()).goes_on_from(""));
     }
 
     #[test]

@@ -1,38 +1,9 @@
 //! Frames that are there and are made again, because something that they were made from has changed.
 
-use super::outputs;
-use super::provenance::Provenance;
 use crate::text::ranges;
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
-
-/// Result that an earlier run has left of a frame that is to be made.
-pub enum Earlier {
-    /// Nothing that counts.
-    None,
-    /// A picture that was made from something else than this file is now.
-    Outdated(PathBuf),
-    /// The picture that would be made.
-    Whole,
-}
-
-impl Earlier {
-    /// Judges pictures by their attribute `key`, which names what they were made from. `needs` are files that a picture
-    /// of the frame is made from, as far as they are known without it.
-    pub(crate) fn of(pictures: &[PathBuf], key: &str, needs: &[PathBuf]) -> Self {
-        // One that was cut short is made again like one that is missing.
-        if pictures.iter().any(|picture| !picture.exists() || !outputs::is_whole(picture)) {
-            return Self::None;
-        }
-        let changed = |picture: &PathBuf| {
-            let attributes = outputs::attributes(picture);
-            let named = attributes.get(key).map_or("", String::as_str);
-            Provenance::changed(named, needs.iter().map(PathBuf::as_path))
-        };
-        pictures.iter().find_map(changed).map_or(Self::Whole, Self::Outdated)
-    }
-}
 
 /// Frames that one changed input had made again.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, schemars::JsonSchema)]

@@ -1,6 +1,7 @@
 //! A long task: its inputs and its interruption.
 
 use super::context::Context;
+use super::earlier::InitialGuess;
 use super::outputs::{self, Content};
 use super::photos;
 use super::provenance::Provenance;
@@ -10,8 +11,10 @@ use crate::cancel::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
+use crate::formats::protected;
 use crate::inverse::observation::photo::Photo;
 use crate::scene::capture::Capture;
+use serde::Serialize;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -41,6 +44,8 @@ pub(crate) fn without_result(error: Error) -> Error {
 pub struct Task {
     /// Provenance of the output: command line and inputs.
     pub provenance: Provenance,
+    /// File that the search begins with; none to begin from nothing.
+    pub initial_guess: Option<PathBuf>,
     /// Memory that the task may take.
     pub limits: Limits,
     /// Who watches the task, and what stops it.
@@ -64,7 +69,25 @@ impl Task {
         let provenance = Provenance::begin(context);
         outputs::file(output, content)?;
         page.map_or(Ok(()), outputs::report_folder)?;
-        Ok(Self { provenance, limits, context: context.clone() })
+        Ok(Self { provenance, initial_guess: None, limits, context: context.clone() })
+    }
+
+    /// States the settings of a search, and where it begins.
+    ///
+    /// # Errors
+    /// Those of [`InitialGuess::file`].
+    pub(crate) fn search(&mut self, use_case: &str, settings: &impl Serialize, guess: InitialGuess<'_>) -> Result<()> {
+        self.provenance = self.provenance.clone().of_search(use_case, settings);
+        self.initial_guess = guess.file(&self.provenance)?.map(Path::to_path_buf);
+        Ok(())
+    }
+
+    /// Reads the file that the search begins with, if there is one, by `read`. The output may be replaced all the same.
+    ///
+    /// # Errors
+    /// Those of `read`.
+    pub(crate) fn read_initial_guess<T>(&self, read: impl FnOnce(&Path) -> Result<T>) -> Result<Option<T>> {
+        self.initial_guess.as_deref().map(|path| protected::unprotected(path, || read(path))).transpose()
     }
 
     /// Reads the pictures of a capture, and returns what `take` makes of each, of `bytes` a pixel, with warnings about

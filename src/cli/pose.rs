@@ -52,8 +52,11 @@ struct PoseArgs {
     /// Write a page that shows how it went
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// Begin with the cameras of the output, if it is there
-    #[arg(long)]
+    /// Begin with the cameras of this capture of the same pictures, whatever made it
+    #[arg(long, value_name = "IN.json")]
+    init: Option<PathBuf>,
+    /// Go on from the cameras of the output, if the same command has left them, however far it went
+    #[arg(long, conflicts_with = "init")]
     resume: bool,
     #[command(flatten)]
     memory: Memory,
@@ -72,6 +75,7 @@ impl From<PoseArgs> for PoseSettings {
             layer: args.layer,
             grid: args.grid,
             report: args.report,
+            init: args.init,
             resume: args.resume,
             limits: args.memory.limits(),
         }

@@ -71,8 +71,11 @@ struct ViewpointArgs {
     /// Grid to look at (default: density, else the only scalar one)
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
-    /// Start from the viewpoints of the output as well, if it is there
-    #[arg(long)]
+    /// Start from the viewpoints of this capture as well, whatever made it
+    #[arg(long, value_name = "IN.json")]
+    init: Option<PathBuf>,
+    /// Start from the viewpoints of the output as well, if the same command has left them, however far it went
+    #[arg(long, conflicts_with = "init")]
     resume: bool,
     /// Write a page that shows the search
     #[arg(long, value_name = "DIR")]
@@ -100,6 +103,7 @@ impl From<ViewpointArgs> for ViewpointSettings {
             transfer: args.transfer,
             quadrature: args.quadrature,
             grid: args.grid,
+            init: args.init,
             resume: args.resume,
             report: args.report,
             limits: args.memory.limits(),

@@ -3,7 +3,7 @@
 use crate::common::replaced::{self, Spelling};
 use crate::common::work::{Work, errors, fixture};
 use clap::CommandFactory;
-use cumulo::prelude::{Code, Context, ConvertSettings};
+use cumulo::prelude::{Code, Context, ConvertSettings, PoseSettings};
 use std::any::TypeId;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
@@ -191,18 +191,75 @@ fn a_capture_of_another_command_is_spared() {
     assert_eq!(work.files("lone").len(), 1);
     work.json("viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o fresh.json --pictures shots");
     work.json("viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o fresh.json --pictures shots");
-    // A search replaces no capture of another command; resumed, it goes on from other searches, and from nothing else.
+    // A search replaces no capture of another command; resumed, it goes on from its own.
     let search = "viewpoint cube.vdb --starts 1 --iterations 1 --size 8x8";
     let before = work.files("cap");
-    for words in ["", "--resume"] {
-        let expected = ["cap/transforms.json", "another capture", "--overwrite"];
+    for (words, what) in [("", "another capture"), ("--resume", "does not state the settings")] {
+        let expected = ["cap/transforms.json", what, "--overwrite"];
         work.refused(&format!("{search} {words} -o cap/transforms.json"), &expected);
     }
     work.refused(&format!("{search} -o fresh.json"), &["fresh.json", "another capture"]);
     assert_eq!(work.files("cap"), before);
-    work.json(&format!("{search} --resume -o fresh.json"));
+    work.refused(&format!("{search} --resume -o fresh.json"), &["fresh.json", "other settings", "--overwrite"]);
+    work.json(&format!("{search} --resume --overwrite -o fresh.json"));
     work.json(&format!("{search} --overwrite -o cap/transforms.json"));
     assert_ne!(work.files("cap"), before);
+}
+
+/// Searches by command and the change of a setting, and files of others to start from.
+const SEARCHES: [(&str, &str, &str, &str); 5] = [
+    ("reconstruct density cap --resolution 8", "found.vdb", "--loss l2", "slab.vdb"),
+    ("reconstruct color bright --resolution 8", "shaded.vdb", "--smoothing 3", "other.vdb"),
+    ("reconstruct tf bright --volume cube.vdb --rays 128 --texels 8", "found.tf.json", "--smooth 1", "two.tf.json"),
+    ("pose cap --volume cube.vdb", "posed.json", "--solve-focal", "bright/transforms.json"),
+    ("viewpoint cube.vdb --size 8x8 --starts 2", "best.json", "--hemisphere", "cap"),
+];
+
+/// `--resume` goes on from what the same settings left, however far they went; from anything else only `--init` starts.
+#[test]
+fn a_search_goes_on_from_its_own_output_alone() {
+    let work = with_inputs();
+    work.json("reconstruct color bright --resolution 4 --iterations 1 -o other.vdb");
+    for (search, output, change, foreign) in SEARCHES {
+        let refused = |words: &str, what: &str| {
+            let out = work.command(&format!("{words} -o {output} --json")).output().unwrap();
+            let document: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+            assert_eq!((out.status.code(), document["error"]["code"].as_str()), (Some(2), Some("output-exists")));
+            assert!(document["error"]["what"].as_str().unwrap().contains(what), "{words}: {document}");
+            assert!(document["error"]["do"].as_str().unwrap().contains("--init"), "{words}: {document}");
+        };
+        // Where it began, how far it went and what else it wrote does not count.
+        work.json(&format!("{search} --iterations 1 --init {foreign} -o {output}"));
+        work.json(&format!("{search} --iterations 2 --report page --resume -o {output}"));
+        std::fs::create_dir(work.path("moved")).unwrap();
+        std::fs::rename(work.path(output), work.path(&format!("moved/{output}"))).unwrap();
+        work.json(&format!("{search} --iterations 1 --resume -o moved/{output}"));
+        std::fs::rename(work.path(&format!("moved/{output}")), work.path(output)).unwrap();
+        std::fs::remove_dir_all(work.path("moved")).unwrap();
+
+        let before = std::fs::read(work.path(output)).unwrap();
+        refused(&format!("{search} {change} --iterations 1 --resume"), "other settings");
+        work.json(&format!("{search} {change} --iterations 1 --init {output} -o new.{output}"));
+        work.refused(&format!("{search} --init {output} -o {output}"), &["is an input of this command"]);
+        work.refused(&format!("{search} --init {foreign} --resume -o {output}"), &["cannot be used with"]);
+        assert_eq!(std::fs::read(work.path(output)).unwrap(), before);
+        let foreign = if work.path(foreign).is_dir() { format!("{foreign}/transforms.json") } else { foreign.into() };
+        std::fs::copy(work.path(&foreign), work.path(output)).unwrap();
+        if search.starts_with("reconstruct color") {
+            refused(&format!("{search} --resume"), "other settings");
+        } else {
+            refused(&format!("{search} --resume"), "does not state the settings");
+        }
+    }
+}
+
+/// Programs have no options that exclude each other.
+#[test]
+fn a_search_of_the_library_begins_in_one_place() {
+    let settings = PoseSettings { init: Some("a".into()), resume: true, ..PoseSettings::default() };
+    let dir = tempfile::tempdir().unwrap();
+    let error = PoseSettings { output: dir.path().join("p.json"), ..settings }.run(&Context::default()).unwrap_err();
+    assert!(error.to_string().contains("each say where to begin"), "{error}");
 }
 
 /// Who calls the library has no command line that spares inputs; what was one before may be replaced.

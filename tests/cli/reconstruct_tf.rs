@@ -113,7 +113,8 @@ fn runs_are_the_same_for_any_number_of_threads_and_go_on() {
     };
     let one = run("a.tf.json", "--threads 1");
     assert_eq!(one, run("b.tf.json", "--threads 3"));
-    let longer = work.json("reconstruct tf cap --volume @plume.vdb -o a.tf.json --texels 16 --resume --smooth 1e-6");
+    let longer =
+        work.json("reconstruct tf cap --volume @plume.vdb -o c.tf.json --texels 16 --init a.tf.json --smooth 1e-6");
     assert!(number(&longer, "held_out_psnr_db") > 40.0, "{longer}");
 }
 

@@ -76,14 +76,14 @@ fn colors_go_on_where_they_were_left() {
     // From voxels twice as large: by way of their level.
     let edge = 2.0 * whole["voxel_size"][0].as_f64().unwrap();
     let coarse = run(&format!("--smoothing 1 --voxel-size {edge}"));
-    let finer = run("--smoothing 1 --resume");
+    let finer = work.json("reconstruct color cap -o finer.vdb --iterations 3 --smoothing 1 --init shaded.vdb");
     let levels = |report: &Value| -> BTreeSet<u64> {
         report["history"].as_array().unwrap().iter().map(|s| s["level"].as_u64().unwrap()).collect()
     };
     assert_eq!((levels(&coarse), levels(&finer)), (BTreeSet::from([0]), BTreeSet::from([0, 1])));
     assert!(number(&finer, "held_out_psnr_db") > number(&coarse, "held_out_psnr_db") + 1.0, "{coarse} {finer}");
     std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/plume.vdb"), work.path("shaded.vdb")).unwrap();
-    work.refused("reconstruct color cap -o shaded.vdb --resume", &["shaded.vdb", "emission"]);
+    work.refused("reconstruct color cap -o no.vdb --init shaded.vdb", &["shaded.vdb", "emission"]);
 }
 
 /// The start from the colors finds the branch that descending from a constant does not.

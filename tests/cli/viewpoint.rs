@@ -116,7 +116,9 @@ fn a_search_goes_on_where_it_was_left() {
     let entropy = |report: &Value| report["entropy"].as_f64().unwrap();
     let first = run("--starts 8 --resume");
     let alone = work.json("viewpoint bars.vdb --size 64x64 --starts 1 --iterations 1 -o alone.json --pictures alone");
-    let on = run("--starts 1 --iterations 1 --resume");
+    let on = work.json("viewpoint bars.vdb --size 64x64 --starts 1 --iterations 1 --init best.json -o on.json");
+    let again = run("--starts 8 --iterations 1 --resume");
+    assert_eq!(again["starts"].as_array().unwrap().len() as u64, 8 + first["views"].as_u64().unwrap());
     assert_eq!(on["starts"].as_array().unwrap().len() as u64, 1 + first["views"].as_u64().unwrap());
     assert!(entropy(&on) > entropy(&first) - 1e-4 && entropy(&on) >= entropy(&alone), "{first} {alone} {on}");
 }

@@ -116,8 +116,14 @@ pub const ALL: [Case; 35] = [
         &["out/g.vdb"],
     ),
     case(
-        "pose in/bright --volume in/cube.vdb --tf in/two.tf.json --iterations 1 -o out/p.json --report out/page",
-        &["in/bright/transforms.json", "in/bright/view_003.exr", "in/cube.vdb", "in/two.tf.json"],
+        "pose in/bright --volume in/cube.vdb --tf in/two.tf.json --init in/cap --iterations 1 -o out/p.json --report out/page",
+        &[
+            "in/cap/transforms.json",
+            "in/bright/transforms.json",
+            "in/bright/view_003.exr",
+            "in/cube.vdb",
+            "in/two.tf.json",
+        ],
         &["out/p.json", "out/page/index.html"],
     ),
     case(
@@ -131,8 +137,8 @@ pub const ALL: [Case; 35] = [
         &["out/f.vdb", "out/c.json"],
     ),
     case(
-        "reconstruct color in/bright -o out/f.vdb --resolution 8 --iterations 1 --report out/page",
-        &["in/bright/transforms.json", "in/bright/view_003.exr"],
+        "reconstruct color in/bright --init in/shaded.vdb -o out/f.vdb --resolution 8 --iterations 1 --report out/page",
+        &["in/shaded.vdb", "in/bright/transforms.json", "in/bright/view_003.exr"],
         &["out/f.vdb", "out/page/index.html"],
     ),
     case(
@@ -153,8 +159,8 @@ pub const ALL: [Case; 35] = [
         &["out/cube.vdb.png", "out/cap.png"],
     ),
     case(
-        "viewpoint in/cube.vdb --tf in/two.tf.json --starts 2 --iterations 1 --size 8x8 --overwrite --pictures out/best -o out/best.json --report out/page",
-        &["in/cube.vdb", "in/two.tf.json"],
+        "viewpoint in/cube.vdb --tf in/two.tf.json --init in/cap --starts 2 --iterations 1 --size 8x8 --overwrite --pictures out/best -o out/best.json --report out/page",
+        &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json"],
         &["out/best.json", "out/best/view_000.exr", "out/page/index.html"],
     ),
 ];
@@ -198,6 +204,7 @@ pub fn prepared() -> Work {
     work.json("convert in/cube.vdb in/o.mhd");
     work.json("convert in/sky.exr in/sky.npy");
     work.json("reconstruct density in/cap -o in/found.vdb --resolution 8 --iterations 1 --report in/page");
+    work.json("reconstruct color in/bright -o in/shaded.vdb --resolution 8 --iterations 1");
     work
 }
 

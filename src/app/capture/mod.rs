@@ -11,6 +11,7 @@ pub use report::CaptureReport;
 
 use crate::app::Context;
 use crate::app::checks::Warning;
+use crate::app::earlier;
 use crate::app::inputs;
 use crate::app::outputs;
 use crate::app::photos;
@@ -196,7 +197,7 @@ impl CaptureSettings {
     /// Makes sure that the outputs replace neither inputs nor files that other settings wrote.
     fn refuse_overwrite(&self, main: &Path, pictures: &[PathBuf], provenance: &Provenance) -> Result<()> {
         pictures.iter().map(PathBuf::as_path).chain([main]).try_for_each(protected::check)?;
-        if self.overwrite { Ok(()) } else { outputs::spare_captures(main, pictures, provenance) }
+        if self.overwrite { Ok(()) } else { earlier::spare_captures(main, pictures, provenance) }
     }
 
     /// Reads the capture, with what the settings say otherwise.

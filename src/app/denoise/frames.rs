@@ -6,7 +6,7 @@ use super::passes::Directions;
 use super::plan::{Plan, Step};
 use super::reading::Reader;
 use super::shot::{Shot, Target, View};
-use super::{COMMAND, Cuts, DenoiseSettings, INPUTS, SETTINGS};
+use super::{COMMAND, Cuts, DenoiseSettings, KEYS};
 use crate::app::Context;
 use crate::app::context::Stage;
 use crate::app::provenance::Provenance;
@@ -265,8 +265,8 @@ impl Sequence<'_> {
             let files = self.settings.files_of(self.numbers[frame], &self.inputs[frame]);
             let result = origin.files(files.iter().map(PathBuf::as_path)).and_then(|()| {
                 document.set_attribute(COMMAND, &provenance.command);
-                document.set_attribute(SETTINGS, &provenance.settings);
-                document.set_attribute(INPUTS, &origin.hashes());
+                document.set_attribute(KEYS.settings, &provenance.settings);
+                document.set_attribute(KEYS.inputs, &origin.hashes());
                 document.write(&self.outputs[frame])
             });
             if let Err(error) = result {

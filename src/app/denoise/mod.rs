@@ -12,12 +12,13 @@ mod shot;
 pub use motion::Motion;
 
 use crate::app::Context;
+use crate::app::earlier::{Earlier, Keys, Policy};
 use crate::app::failed::Failed;
 use crate::app::inputs;
 use crate::app::outputs;
 use crate::app::provenance::Provenance;
 use crate::app::ranges;
-use crate::app::renewed::{self, Earlier, Renewed};
+use crate::app::renewed::{self, Renewed};
 use crate::app::use_case::{Report, Status, use_case};
 use crate::denoise::{Estimate, Method, Settings};
 use crate::error::{Code, Error, Result};
@@ -448,6 +449,9 @@ impl DenoiseSettings {
 
     /// Tells which of the frames that are wanted are to be written, and those that are there by the input that has
     /// changed since.
+    ///
+    /// # Errors
+    /// If a picture that other settings made would be replaced, or without `resume` one that is damaged.
     fn to_write(
         &self,
         is_wanted: &[bool],
@@ -455,9 +459,11 @@ impl DenoiseSettings {
         numbers: &[u32],
         provenance: &Provenance,
     ) -> Result<(Vec<bool>, Changed)> {
+        let policy = Policy { own: provenance, keys: KEYS, overwrite: self.overwrite, resume: self.resume };
         let (mut write, mut renewed) = (is_wanted.to_vec(), Vec::new());
         for at in (0..numbers.len()).filter(|at| is_wanted[*at]) {
-            match self.earlier(numbers[at], &inputs[at], &outputs[at], provenance)? {
+            policy.check(&outputs[at])?;
+            match policy.left(&outputs[at..=at], &self.files_of(numbers[at], &inputs[at])) {
                 Earlier::None => {}
                 Earlier::Outdated(changed) => renewed.push((numbers[at], changed)),
                 Earlier::Whole => write[at] = false,
@@ -491,19 +497,6 @@ impl DenoiseSettings {
         header.map_or(0, |header| header.display_window.pixels() as usize * layers * header.views().len().max(1))
     }
 
-    /// Returns what an earlier run has left of a frame.
-    ///
-    /// # Errors
-    /// If a picture that other settings made would be replaced, or without `resume` one that is damaged.
-    fn earlier(&self, number: u32, input: &Path, output: &Path, provenance: &Provenance) -> Result<Earlier> {
-        let replace = self.overwrite || self.resume && outputs::is_damaged(output);
-        let same = outputs::is_own_picture(output, SETTINGS, provenance, replace)?;
-        if !(self.resume && same) {
-            return Ok(Earlier::None);
-        }
-        Ok(Earlier::of(&[output.to_path_buf()], INPUTS, &self.files_of(number, input)))
-    }
-
     /// Returns the files that a frame is made from: the noisy picture, and what its motion is read from. Those of the
     /// frames around, of which it learns, do not count.
     fn files_of(&self, number: u32, input: &Path) -> Vec<PathBuf> {
@@ -513,7 +506,5 @@ impl DenoiseSettings {
 
 /// Attribute of a denoised picture that holds the command that made it.
 const COMMAND: &str = "cumulo:denoise";
-/// Attribute of a denoised picture that holds the hash of the settings it was made by.
-const SETTINGS: &str = "cumulo:denoise-settings";
-/// Attribute of a denoised picture that holds the hashes of what it was made from.
-const INPUTS: &str = "cumulo:denoise-input";
+/// Attributes of a denoised picture that state what it was made by: those of the noisy one stay.
+const KEYS: Keys = Keys { settings: "cumulo:denoise-settings", inputs: "cumulo:denoise-input" };

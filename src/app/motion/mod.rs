@@ -3,10 +3,11 @@
 mod tracing;
 
 use crate::app::Context;
+use crate::app::earlier::{Keys, Policy};
 use crate::app::failed::Failed;
 use crate::app::inputs;
 use crate::app::outputs::{self, Content};
-use crate::app::provenance::{Provenance, SETTINGS};
+use crate::app::provenance::Provenance;
 use crate::app::ranges;
 use crate::app::transfer::TransferSettings;
 use crate::app::use_case::{Report, Status, use_case};
@@ -165,9 +166,8 @@ impl MotionSettings {
         }
         pictures.first().map_or(Ok(()), |first| outputs::file(first, Content::Exr))?;
         pictures.iter().try_for_each(|path| protected::check(path))?;
-        for path in &pictures {
-            outputs::is_own_picture(path, SETTINGS, &provenance, self.overwrite)?;
-        }
+        let policy = Policy { own: &provenance, keys: Keys::RENDERED, overwrite: self.overwrite, resume: false };
+        pictures.iter().try_for_each(|path| policy.check(path))?;
         let attributes = provenance.attributes();
         let bar = context.steps(numbers.len() as u64, "motion");
         let (mut failed, mut largest) = (Vec::new(), 0.0_f32);

@@ -4,6 +4,7 @@ mod page;
 
 use super::Context;
 use crate::app::checks::{Emission, Warning};
+use crate::app::earlier::InitialGuess;
 use crate::app::inputs;
 use crate::app::outputs::Content;
 use crate::app::photos;
@@ -15,7 +16,7 @@ use crate::app::{run, volume};
 use crate::differentiate::gradient::pictures::Target;
 use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::{captures, protected, transforms};
+use crate::formats::{captures, transforms};
 use crate::inverse::observation::photo::Photo;
 use crate::inverse::pose::colors::Colors;
 use crate::inverse::pose::pyramid::levels;
@@ -71,7 +72,10 @@ pub struct PoseSettings {
     /// Folder of a page that shows how it went; none for no page.
     #[serde(with = "crate::app::paths")]
     pub report: Option<PathBuf>,
-    /// Whether to begin with the cameras of the output, if it is there.
+    /// Capture of the same pictures, with whose cameras the search begins, whatever made it.
+    #[serde(with = "crate::app::paths")]
+    pub init: Option<PathBuf>,
+    /// Whether to go on from the cameras of the output, if an earlier run of the same settings has left it.
     pub resume: bool,
     /// Memory that the work may take.
     #[serde(flatten)]
@@ -91,6 +95,7 @@ impl Default for PoseSettings {
             layer: None,
             grid: None,
             report: None,
+            init: None,
             resume: false,
             limits: Limits::default(),
         }
@@ -179,7 +184,8 @@ impl Report for PoseReport {
 impl PoseSettings {
     /// Paths that the cameras are found from.
     pub(crate) fn inputs(&self) -> Vec<&Path> {
-        [&self.capture, &self.volume].into_iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
+        let others = [&self.transfer.tf, &self.init].into_iter().flatten();
+        [&self.capture, &self.volume].into_iter().chain(others).map(PathBuf::as_path).collect()
     }
 
     /// Reads, solves and writes.
@@ -190,6 +196,8 @@ impl PoseSettings {
         let _inputs = inputs::protect(self.inputs(), self.limits);
         ranges::within("iterations", self.iterations, [1, 100_000])?;
         let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), self.limits, context)?;
+        let (init, resume, output) = (self.init.as_deref(), self.resume, &self.output);
+        task.search("pose", self, InitialGuess { init, resume, output, overwrite: None })?;
         let limits = task.limits;
         let json = captures::file(&self.capture);
         let capture = captures::load_within(&json, limits)?;
@@ -207,7 +215,7 @@ impl PoseSettings {
         }
 
         let centre = self.centre(&grids.density_or_extinction())?;
-        let targets = self.targets(photos, &shown)?;
+        let targets = self.targets(photos, &shown, &task)?;
         let scene = Scene::shown_by(&shown, grids).map_err(|e| e.at(&self.volume))?;
         let quadrature = self.quadrature.unwrap_or_else(|| DirectRenderer::usual_quadrature(&scene));
         let renderer = DirectRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.volume))?;
@@ -240,9 +248,11 @@ impl PoseSettings {
     }
 
     /// Combines the pictures with the cameras that the search begins with.
-    fn targets(&self, photos: Vec<Photo>, shown: &Capture) -> Result<Vec<Target>> {
+    fn targets(&self, photos: Vec<Photo>, shown: &Capture, task: &Task) -> Result<Vec<Target>> {
         let rays_per_edge = run::rays_per_edge(shown.pixel_filter);
-        let cameras = self.previous(shown)?.unwrap_or_else(|| shown.frames.iter().map(|f| f.camera).collect());
+        let cameras = task
+            .read_initial_guess(|path| self.cameras(path, shown))?
+            .unwrap_or_else(|| shown.frames.iter().map(|f| f.camera).collect());
         let target = |(photo, camera): (Photo, Camera)| Target { camera, rgba: photo.film.rgba, rays_per_edge };
         Ok(photos.into_iter().zip(cameras).map(target).collect())
     }
@@ -302,22 +312,20 @@ impl PoseSettings {
         }
     }
 
-    /// Returns the cameras of an earlier run with the same pictures, if the search is to go on from it.
-    fn previous(&self, shown: &Capture) -> Result<Option<Vec<Camera>>> {
-        if !(self.resume && self.output.exists()) {
-            return Ok(None);
-        }
-        let previous = protected::unprotected(&self.output, || transforms::load(&self.output))?.frames;
+    /// Reads the cameras that the search begins with, from a capture of the same pictures.
+    fn cameras(&self, path: &Path, shown: &Capture) -> Result<Vec<Camera>> {
+        let previous = captures::load_within(path, self.limits)?.frames;
         let same = |(a, b): (&Frame, &Frame)| {
             let size = |f: &Frame| (f.camera.width, f.camera.height, f.camera.projection);
             a.picture.file_name() == b.picture.file_name() && size(a) == size(b)
         };
         if previous.len() != shown.frames.len() || !previous.iter().zip(&shown.frames).all(same) {
-            return Err(Error::invalid("⟨resume⟩: these are not the cameras of the capture's pictures")
-                .at(&self.output)
-                .hint("leave ⟨resume⟩ out, or give the output of an earlier run with the same capture"));
+            let option = if self.resume { "⟨resume⟩" } else { "⟨init⟩" };
+            return Err(Error::invalid(format!("{option}: these are not the cameras of the capture's pictures"))
+                .at(path)
+                .hint(format!("leave {option} out, or give the output of an earlier run with the same capture")));
         }
-        Ok(Some(previous.into_iter().map(|f| f.camera).collect()))
+        Ok(previous.into_iter().map(|f| f.camera).collect())
     }
 
     /// Returns the centre of the world-space box around the voxels that are not zero.

@@ -6,6 +6,7 @@ use super::region::{Placed, RegionSettings};
 use super::volume::{Pictures, Solved, VolumeTask};
 use crate::app::Context;
 use crate::app::checks::Emission;
+use crate::app::earlier::InitialGuess;
 use crate::app::inputs;
 use crate::app::outputs::Content;
 use crate::app::photos;
@@ -15,7 +16,6 @@ use crate::app::task::{Task, without_result};
 use crate::app::use_case::use_case;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::protected;
 use crate::formats::vdb::{File, shaded};
 use crate::inverse::color::{self, Shaded};
 use crate::inverse::cost::{Cost, Method};
@@ -56,7 +56,10 @@ pub struct ColorSettings {
     /// Folder of a page that shows how it went; none for no page.
     #[serde(with = "crate::app::paths")]
     pub report: Option<PathBuf>,
-    /// Whether to start from the output, if it is there.
+    /// Pre-shaded volume to start from, whatever made it.
+    #[serde(with = "crate::app::paths")]
+    pub init: Option<PathBuf>,
+    /// Whether to go on from the output, if an earlier run of the same settings has left it.
     pub resume: bool,
     /// Memory that the work may take.
     #[serde(flatten)]
@@ -74,6 +77,7 @@ impl Default for ColorSettings {
             smoothing: None,
             layer: None,
             report: None,
+            init: None,
             resume: false,
             limits: Limits::default(),
         }
@@ -85,7 +89,7 @@ use_case!(ColorSettings => Run, limits);
 impl ColorSettings {
     /// Paths that the volume is made from.
     pub(crate) fn inputs(&self) -> Vec<&Path> {
-        vec![&self.capture]
+        [&self.capture].into_iter().chain(&self.init).map(PathBuf::as_path).collect()
     }
 
     /// Reads, reconstructs and writes.
@@ -97,7 +101,9 @@ impl ColorSettings {
         self.region.check()?;
         ranges::within("iterations", self.iterations, [1, 100_000])?;
         ranges::within("smoothing", self.smoothing, [0, 64])?;
-        let task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), self.limits, context)?;
+        let mut task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), self.limits, context)?;
+        let (init, resume, output) = (self.init.as_deref(), self.resume, &self.output);
+        task.search("reconstruct color", self, InitialGuess { init, resume, output, overwrite: None })?;
         let limits = task.limits;
         let input = LoadedCapture::load(&self.capture, limits)?;
         if input.capture.model == Model::Absorption {
@@ -125,10 +131,8 @@ impl ColorSettings {
         let pictures = work.read(Emission::Sought, Channels::Alpha, true, |photo| photo)?;
         let measurements = work.measure(&self.region, pictures)?;
         let request = self.request(&work, &measurements.unknowns.placed, held_out);
-        let previous = self.resume && self.output.exists();
-        let read = || shaded::read(&File::open(&self.output, limits)?, None, limits.max_memory);
-        let init = previous.then(|| protected::unprotected(&self.output, read));
-        let init = init.transpose()?;
+        let init =
+            work.task.read_initial_guess(|path| shaded::read(&File::open(path, limits)?, None, limits.max_memory))?;
         let steps = color::most_iterations(&measurements.pictures.observation, &request);
         work.plan(&measurements, &request, Method::Color, steps)?;
 

@@ -7,6 +7,7 @@ use super::region::{Placed, RegionSettings};
 use super::volume::{Measurements, Pictures, Solved, VolumeTask};
 use crate::app::Context;
 use crate::app::checks::Emission;
+use crate::app::earlier::InitialGuess;
 use crate::app::inputs;
 use crate::app::outputs::Content;
 use crate::app::photos;
@@ -18,8 +19,8 @@ use crate::app::use_case::use_case;
 use crate::differentiate::loss::prior::{VolumePrior, Weighted};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use crate::formats::transfer;
 use crate::formats::vdb::{Codec, File, write_grids};
-use crate::formats::{protected, transfer};
 use crate::inverse::cost::{Cost, Method};
 use crate::inverse::density::{Outcome, Request};
 use crate::inverse::density::{multilevel, weiss2021};
@@ -79,7 +80,7 @@ pub struct DensitySettings {
     /// Transfer function that the pictures show, in place of the capture's.
     #[serde(flatten)]
     pub transfer: TransferSettings,
-    /// Volume to start from.
+    /// Volume to start from, whatever made it.
     #[serde(with = "crate::app::paths")]
     pub init: Option<PathBuf>,
     /// How the densities are found.
@@ -103,7 +104,7 @@ pub struct DensitySettings {
     /// Folder of a page that shows how it went; none for no page.
     #[serde(with = "crate::app::paths")]
     pub report: Option<PathBuf>,
-    /// Whether to start from the output, if it is there.
+    /// Whether to go on from the output, if an earlier run of the same settings has left it.
     pub resume: bool,
     /// Memory that the work may take.
     #[serde(flatten)]
@@ -239,7 +240,9 @@ impl DensitySettings {
         self.region.check()?;
         ranges::within("iterations", self.iterations, [1, 100_000])?;
         ranges::within("smoothing", self.smoothing, [0, 64])?;
-        let task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), self.limits, context)?;
+        let mut task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), self.limits, context)?;
+        let (init, resume, output) = (self.init.as_deref(), self.resume, &self.output);
+        task.search("reconstruct density", self, InitialGuess { init, resume, output, overwrite: None })?;
         let input = self.input(task.limits)?;
         let solver = self.solver(&input.capture)?;
         let cameras = self.refinement.output(&self.output, self.report.as_deref(), &input.capture)?;
@@ -342,9 +345,9 @@ impl DensitySettings {
         held_out: Vec<usize>,
     ) -> Result<Request> {
         let (task, capture) = (&work.task, &work.input.capture);
-        let previous = (self.resume && self.output.exists()).then_some(&self.output);
-        let init = self.init.as_ref().or(previous);
-        let init = init.map(|path| protected::unprotected(path, || volume(path, task.limits))).transpose()?;
+        // The output has grids of confidences beside its own.
+        let name = self.resume.then_some(self.grid.as_str());
+        let init = task.read_initial_guess(|path| volume(path, name, task.limits))?;
         Ok(Request {
             lattice: placed.lattice,
             bounds: placed.bounds,
@@ -400,8 +403,8 @@ fn transfer_of(capture: &Capture) -> Option<&Transfer> {
 /// Iterations on the finest level from which on a volume suits its cameras, if they suit one another.
 const SETTLED: usize = 8;
 
-fn volume(path: &Path, limits: Limits) -> Result<Bricks<f32>> {
-    let grid = File::open(path, limits)?.read_fog(None)?;
+fn volume(path: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks<f32>> {
+    let grid = File::open(path, limits)?.read_fog(grid)?;
     Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(path))
 }
 

@@ -9,6 +9,7 @@ use crate::app::Context;
 use crate::app::checks::excerpt::Excerpt;
 use crate::app::checks::residuals::{self, Residuals};
 use crate::app::checks::{Emission, Warning};
+use crate::app::earlier::InitialGuess;
 use crate::app::inputs;
 use crate::app::outputs::Content;
 use crate::app::ranges;
@@ -18,7 +19,6 @@ use crate::app::{photos, run};
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::protected;
 use crate::formats::transfer::{self, Options};
 use crate::inverse::cost::Cost;
 use crate::inverse::observation::photo::Photo;
@@ -70,10 +70,10 @@ pub struct TransferFunctionSettings {
     pub iterations: Option<u32>,
     /// Integration along rays.
     pub quadrature: Quadrature,
-    /// Transfer function to begin with.
+    /// Transfer function to start from, whatever made it.
     #[serde(with = "crate::app::paths")]
     pub init: Option<PathBuf>,
-    /// Whether to begin with the output of an earlier run.
+    /// Whether to go on from the output, if an earlier run of the same settings has left it.
     pub resume: bool,
     /// Grid of the volume; none for density, else the only scalar one.
     pub grid: Option<String>,
@@ -151,6 +151,8 @@ impl TransferFunctionSettings {
         }
         let (page, limits) = (self.report.as_deref(), self.limits);
         let mut task = Task::begin(&self.output, Content::TransferFunction, page, limits, context)?;
+        let (init, resume, output) = (self.init.as_deref(), self.resume, &self.output);
+        task.search("reconstruct tf", self, InitialGuess { init, resume, output, overwrite: None })?;
         let mut clock = StageClock::start();
         let LoadedCapture { json, capture, .. } = self.input(limits)?;
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 3).map_err(|e| e.at(&json))?;
@@ -271,11 +273,7 @@ impl TransferFunctionSettings {
     }
 
     fn request(&self, capture: &Capture, field: &Bricks<f32>, held_out: Vec<usize>, task: &Task) -> Result<Request> {
-        let previous = (self.resume && self.output.exists()).then_some(&self.output);
-        let load = |path: &PathBuf| {
-            let loaded = protected::unprotected(path, || transfer::load(path, &Options::default()));
-            loaded.map(|loaded| loaded.transfer)
-        };
+        let load = |path: &Path| transfer::load(path, &Options::default()).map(|loaded| loaded.transfer);
         let (solver, usual) = match self.solver {
             Choice::Auto => (Solver::Newton, 14),
             Choice::Weiss2021 => (Solver::Weiss2021, 200),
@@ -292,7 +290,7 @@ impl TransferFunctionSettings {
             rays: self.rays as usize,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
             iterations: self.iterations.unwrap_or(usual),
-            init: self.init.as_ref().or(previous).map(load).transpose()?,
+            init: task.read_initial_guess(load)?,
             cancel: task.stop(),
         };
         Ok(request)

@@ -264,12 +264,6 @@ impl<'t> VolumeTask<'t> {
         held_out: Vec<usize>,
     ) -> Result<Run> {
         let views = self.input.capture.frames.len();
-        if let Some(refined) = self.refined.as_ref().filter(|_| solved.stopped) {
-            self.task.context.note(format!(
-                "⟨resume⟩ goes on with {} in place of the capture, and without ⟨refine_cameras⟩",
-                refined.capture.display()
-            ));
-        }
         let mut run = Run {
             capture: self.refined.as_ref().map_or(self.input.json, |refined| refined.capture.clone()),
             output: self.vdb.to_path_buf(),
@@ -299,7 +293,15 @@ impl<'t> VolumeTask<'t> {
             let _stage = self.task.context.stage("report");
             run.report = Some(page::write(dir, &run, self.task.limits, &self.task.closing())?);
         }
-        self.task.tell_stopped(run.stopped);
+        match &run.cameras {
+            Some(refined) if run.stopped => self.task.context.note(format!(
+                "stopped; what was there by then is written: to go on from it, give {} in place of the capture, {} as \
+                 ⟨init⟩, another output, and no ⟨refine_cameras⟩",
+                refined.capture.display(),
+                run.output.display()
+            )),
+            _ => self.task.tell_stopped(run.stopped),
+        }
         Ok(run)
     }
 }

@@ -1,12 +1,12 @@
 //! Folder of a sequence. Runs of the same settings share it, at once or one after the other: what each of them may
 //! replace, what it skips, and the list of cameras that it adds its own to.
 
+use super::RenderSettings;
 use super::sequence::{Done, Sequence};
 use crate::app::Context;
-use crate::app::outputs;
+use crate::app::earlier::{self, Earlier, Keys, Policy, Standing};
 use crate::app::pictures::scales::DensityScales;
-use crate::app::provenance::{self, Provenance};
-use crate::app::renewed::Earlier;
+use crate::app::provenance::Provenance;
 use crate::error::{Code, Error, Result};
 use crate::formats::{Format, atomic, protected, sniff, transforms};
 use crate::scene::capture::{Capture, Frame};
@@ -32,11 +32,10 @@ impl Sequence<'_> {
             return Ok(());
         }
         json.iter().try_for_each(|json| self.spare_capture(json))?;
+        let policy = self.policy();
         pictures.iter().try_for_each(|path| {
-            let replace = self.render.resume && outputs::is_damaged(path);
-            let own = outputs::is_own_picture(path, provenance::SETTINGS, &self.provenance, replace).map(drop);
-            own.map_err(|e| match json {
-                _ if outputs::is_damaged(path) => e.instead(
+            policy.check(path).map_err(|e| match json {
+                _ if policy.standing(path) == Standing::Damaged => e.instead(
                     "⟨overwrite⟩ replaces it, and ⟨resume⟩ renders it again and leaves the others as they are",
                 ),
                 Some(_) => e.instead("runs of the very same settings share a folder; give another one, or ⟨overwrite⟩"),
@@ -47,23 +46,30 @@ impl Sequence<'_> {
 
     /// Makes sure that no capture of other settings is replaced.
     fn spare_capture(&self, json: &Path) -> Result<()> {
-        match self.render.overwrite || !json.exists() || outputs::is_own_capture(json, &self.provenance) {
-            true => Ok(()),
-            false => Err(other_capture(json)),
+        match Standing::of_capture(json, &self.provenance) {
+            Standing::Nothing | Standing::Own => Ok(()),
+            _ if self.render.overwrite => Ok(()),
+            _ => Err(other_capture(json)),
         }
     }
 
     /// Returns the capture that runs of these settings have left in the folder; none if there is none.
     pub(super) fn earlier(&self) -> Option<Capture> {
-        let json = self.target.json().filter(|json| outputs::is_own_capture(json, &self.provenance))?;
+        let json = self.target.json()?;
+        if Standing::of_capture(&json, &self.provenance) != Standing::Own {
+            return None;
+        }
         protected::unprotected(&json, || transforms::load(&json)).ok()
+    }
+
+    /// Returns how pictures are treated that lie where this run's go.
+    fn policy(&self) -> Policy<'_> {
+        let RenderSettings { overwrite, resume, .. } = *self.render;
+        Policy { own: &self.provenance, keys: Keys::RENDERED, overwrite, resume }
     }
 
     /// Returns what an earlier run has left of a frame, for `resume`.
     pub(super) fn state(&self, number: u32, path: &Path) -> Earlier {
-        if !self.render.resume {
-            return Earlier::None;
-        }
         let mut pictures = self.pictures.clone();
         if let Some(pattern) = &self.pattern {
             pictures.input = pattern.path(number);
@@ -71,7 +77,7 @@ impl Sequence<'_> {
         // The picture itself names what lies behind a scene or a stage.
         let cameras = self.provenance.inputs.keys().map(PathBuf::from);
         let needs: Vec<PathBuf> = pictures.files().map(Path::to_path_buf).chain(cameras).collect();
-        Earlier::of(&self.render.files_of(path), "cumulo:input", &needs)
+        self.policy().left(&self.render.files_of(path), &needs)
     }
 
     /// Returns the frames of a capture that this run leaves alone: those of other runs.
@@ -113,7 +119,7 @@ impl Sequence<'_> {
         self.spare_capture(&json)?;
         let kept = self.earlier().map(|capture| self.others(capture, &own)).unwrap_or_default();
         if !kept.is_empty() {
-            let before = outputs::provenance(&json).map(|before| before.inputs).unwrap_or_default();
+            let before = earlier::provenance(&json).map(|before| before.inputs).unwrap_or_default();
             // What this run has read is newer.
             let own = std::mem::replace(&mut provenance.inputs, before);
             provenance.inputs.extend(own);

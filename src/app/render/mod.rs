@@ -11,14 +11,14 @@ pub(crate) use frames::between;
 
 use crate::app::Context;
 use crate::app::context::Picture;
+use crate::app::earlier::{self, Keys, Policy};
 use crate::app::inputs;
-use crate::app::outputs;
 use crate::app::pictures::renderer::{Chosen, LeftOut, SceneRenderer};
 use crate::app::pictures::scales::DensityScales;
 use crate::app::pictures::scattering::{Paths, ScatteringSettings};
 use crate::app::pictures::subject::Subject;
 use crate::app::pictures::{Cameras, PictureSettings};
-use crate::app::provenance::{self, Provenance};
+use crate::app::provenance::Provenance;
 use crate::app::ranges;
 use crate::app::up::ChosenUp;
 use crate::app::use_case::{Report, Status, use_case};
@@ -450,10 +450,11 @@ impl RenderSettings {
         pictures.iter().chain(&json).try_for_each(|path| protected::check(path))?;
         match json {
             _ if self.overwrite => Ok(()),
-            Some(json) => outputs::spare_captures(&json, &pictures, provenance),
-            None => pictures.iter().try_for_each(|picture| {
-                outputs::is_own_picture(picture, provenance::SETTINGS, provenance, false).map(drop)
-            }),
+            Some(json) => earlier::spare_captures(&json, &pictures, provenance),
+            None => {
+                let policy = Policy { own: provenance, keys: Keys::RENDERED, overwrite: false, resume: false };
+                pictures.iter().try_for_each(|picture| policy.check(picture))
+            }
         }
     }
 }

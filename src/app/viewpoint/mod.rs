@@ -3,10 +3,10 @@
 mod page;
 
 use super::Context;
+use crate::app::earlier::{self, InitialGuess};
 use crate::app::inputs;
 use crate::app::outputs::{self, Content};
 use crate::app::pictures::DensityScale;
-use crate::app::provenance::Provenance;
 use crate::app::ranges;
 use crate::app::render;
 use crate::app::task::Task;
@@ -18,7 +18,7 @@ use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::limits::Limits;
-use crate::formats::{exr, protected, transforms};
+use crate::formats::{captures, exr, protected, transforms};
 use crate::inverse::viewpoint::{self, Outcome, Request};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
@@ -86,7 +86,10 @@ pub struct ViewpointSettings {
     pub quadrature: Option<Quadrature>,
     /// Grid to look at; none for density, else the only scalar one.
     pub grid: Option<String>,
-    /// Whether to start from the viewpoints of the output as well, if it is there.
+    /// Capture from whose viewpoints the search starts as well, whatever made it.
+    #[serde(with = "crate::app::paths")]
+    pub init: Option<PathBuf>,
+    /// Whether to start from the viewpoints of the output as well, if an earlier run of the same settings has left it.
     pub resume: bool,
     /// Folder of a page that shows the search; none for no page.
     #[serde(with = "crate::app::paths")]
@@ -115,15 +118,13 @@ impl Default for ViewpointSettings {
             transfer: TransferSettings::default(),
             quadrature: None,
             grid: None,
+            init: None,
             resume: false,
             report: None,
             limits: Limits::default(),
         }
     }
 }
-
-/// Settings that say how the search is done.
-const MANNER: [&str; 3] = ["overwrite", "resume", "max_memory"];
 
 /// A local search, from its start to its end.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
@@ -204,7 +205,8 @@ impl Report for ViewpointReport {
 impl ViewpointSettings {
     /// Paths that the viewpoints are found from.
     pub(crate) fn inputs(&self) -> Vec<&Path> {
-        [&self.input].into_iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
+        let others = [&self.transfer.tf, &self.init].into_iter().flatten();
+        [&self.input].into_iter().chain(others).map(PathBuf::as_path).collect()
     }
 
     /// Reads, searches, renders and writes.
@@ -219,7 +221,8 @@ impl ViewpointSettings {
             self.spare_other_capture(folder)?;
         }
         let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), self.limits, context)?;
-        task.provenance = Provenance::begin(context).of("viewpoint", self, &MANNER);
+        let (init, resume, output) = (self.init.as_deref(), self.resume, &self.output);
+        task.search("viewpoint", self, InitialGuess { init, resume, output, overwrite: Some(self.overwrite) })?;
         let (limits, cancel) = (task.limits, &task.stop());
         let (field, transfer) = self.field(&mut task)?;
         let up = self.up.of(&self.input, limits)?;
@@ -235,9 +238,9 @@ impl ViewpointSettings {
         };
         let mut capture = self.capture(&field, transfer, &request)?;
         // Earlier viewpoints have no say in the density scale: it would be another one in each run.
-        request.exact_starts = self.previous(&around)?;
+        request.exact_starts = task.read_initial_guess(|path| self.viewpoints(path, &around))?.unwrap_or_default();
         render::fits(&capture, 0, limits.max_memory)?;
-        self.refuse_overwrite(&capture, &task.provenance)?;
+        self.refuse_overwrite(&capture, &task)?;
 
         let medium = opaque(capture.medium()?)?;
         let quadrature = self.quadrature.unwrap_or_else(|| Quadrature::usual(&medium.source));
@@ -304,12 +307,9 @@ impl ViewpointSettings {
         Ok((field, transfer))
     }
 
-    /// Returns the unit vectors to the viewpoints of an earlier run, if the search is to go on from it.
-    fn previous(&self, around: &Sphere) -> Result<Vec<DVec3>> {
-        if !(self.resume && self.output.exists()) {
-            return Ok(Vec::new());
-        }
-        let capture = protected::unprotected(&self.output, || transforms::load(&self.output))?;
+    /// Reads the unit vectors to the viewpoints of a capture.
+    fn viewpoints(&self, path: &Path, around: &Sphere) -> Result<Vec<DVec3>> {
+        let capture = captures::load_within(path, self.limits)?;
         let directions = capture.frames.iter().filter_map(|f| (f.camera.position() - around.centre).try_normalize());
         Ok(directions.filter(|d| !self.hemisphere || d.dot(around.up.vector()) >= 0.0).collect())
     }
@@ -333,17 +333,17 @@ impl ViewpointSettings {
     }
 
     /// Makes sure that the outputs replace neither inputs nor a capture of another command, nor pictures that no
-    /// earlier run wrote. A search that is resumed may have other options than the one that it goes on from.
-    fn refuse_overwrite(&self, capture: &Capture, provenance: &Provenance) -> Result<()> {
+    /// earlier run wrote. A search replaces the output that it goes on from.
+    fn refuse_overwrite(&self, capture: &Capture, task: &Task) -> Result<()> {
         let written = capture.frames.iter().filter(|_| self.pictures.is_some());
         let pictures: Vec<PathBuf> = written.map(|f| f.picture.clone()).collect();
         pictures.iter().chain([&self.output]).try_for_each(|path| protected::check(path))?;
-        let earlier = || outputs::provenance(&self.output);
-        let goes_on = || self.resume && earlier().is_some_and(|earlier| earlier.use_case == provenance.use_case);
-        if self.overwrite || goes_on() {
-            return Ok(());
+        let goes_on = task.initial_guess.as_ref() == Some(&self.output);
+        if self.overwrite || goes_on {
+            Ok(())
+        } else {
+            earlier::spare_captures(&self.output, &pictures, &task.provenance)
         }
-        outputs::spare_captures(&self.output, &pictures, provenance)
     }
 
     /// Returns the folder that the capture names for its pictures: where they are not rendered, one beside the capture

@@ -79,7 +79,7 @@ const TABLE: &[Examples] = &[
         "pose",
         &[
             "cumulo pose shots --volume smoke.vdb -o posed.json",
-            "cumulo pose shots --volume smoke.vdb -o posed.json --solve-focal --resume",
+            "cumulo pose shots --volume smoke.vdb -o refined.json --solve-focal --init posed.json",
         ],
     ),
     (

@@ -35,8 +35,11 @@ struct ColorArgs {
     /// Write a page that shows how it went
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// Start from the output, if it is there
-    #[arg(long)]
+    /// Start from this pre-shaded volume, whatever made it
+    #[arg(long, value_name = "IN.vdb")]
+    init: Option<PathBuf>,
+    /// Go on from the output, if the same command has left one, however far it went
+    #[arg(long, conflicts_with = "init")]
     resume: bool,
     #[command(flatten)]
     memory: Memory,
@@ -53,6 +56,7 @@ impl From<ColorArgs> for ColorSettings {
             smoothing: args.smoothing,
             layer: args.layer,
             report: args.report,
+            init: args.init,
             resume: args.resume,
             limits: args.memory.limits(),
         }

@@ -25,7 +25,7 @@ struct DensityArgs {
     refinement: RefinementSettings,
     #[command(flatten)]
     transfer: TransferSettings,
-    /// Start from this volume
+    /// Start from this volume, whatever made it
     #[arg(long, value_name = "IN.vdb")]
     init: Option<PathBuf>,
     /// How the densities are found: auto is cg where the pictures depend on the optical depth alone, colors first
@@ -59,7 +59,7 @@ struct DensityArgs {
     /// Write a page that shows how it went
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// Start from the output, if it is there
+    /// Go on from the output, if the same command has left one, however far it went
     #[arg(long, conflicts_with = "init")]
     resume: bool,
     #[command(flatten)]

@@ -56,11 +56,11 @@ struct TransferFunctionArgs {
         help = concat!("Integration along rays: ", rules!())
     )]
     quadrature: Quadrature,
-    /// Transfer function to begin with
+    /// Start from this transfer function, whatever made it
     #[arg(long, value_name = "FILE")]
     init: Option<PathBuf>,
-    /// Begin with the output of an earlier run
-    #[arg(long)]
+    /// Go on from the output, if the same command has left one, however far it went
+    #[arg(long, conflicts_with = "init")]
     resume: bool,
     /// Grid of the volume (default: density, else the only scalar one)
     #[arg(long, value_name = "NAME")]

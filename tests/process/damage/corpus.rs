@@ -277,29 +277,51 @@ impl Corpus {
             function("categories.json", Syntax::Json),
         ];
 
-        let resumed = |name: &str, syntax, command| single("resumed output", name, read(name), syntax, &[command]);
+        // Each is judged by `--resume`, and read by `--init`.
+        let resumed = |name: &str, syntax, commands: [&'static str; 2]| {
+            single("resumed output", name, read(name), syntax, &commands)
+        };
         let outputs = vec![
             resumed(
                 "density.vdb",
                 Syntax::Binary,
-                "reconstruct density @capture --resolution 8 --iterations 1 --resume -o >{}",
+                [
+                    "reconstruct density @capture --resolution 8 --iterations 1 --resume -o >{}",
+                    "reconstruct density @capture --resolution 8 --iterations 1 --init {} -o >found.vdb",
+                ],
             ),
             resumed(
                 "shaded.vdb",
                 Syntax::Binary,
-                "reconstruct color @glow --resolution 8 --iterations 1 --resume -o >{}",
+                [
+                    "reconstruct color @glow --resolution 8 --iterations 1 --resume -o >{}",
+                    "reconstruct color @glow --resolution 8 --iterations 1 --init {} -o >found.vdb",
+                ],
             ),
             resumed(
                 "found.tf.json",
                 Syntax::Json,
-                "reconstruct tf @glow --volume @plume.vdb --texels 8 --rays 128 --iterations 1 --resume -o >{}",
+                [
+                    "reconstruct tf @glow --volume @plume.vdb --texels 8 --rays 128 --iterations 1 --resume -o >{}",
+                    "reconstruct tf @glow --volume @plume.vdb --texels 8 --rays 128 --iterations 1 --init {} -o >o.tf.json",
+                ],
             ),
             resumed(
                 "best.json",
                 Syntax::Json,
-                "viewpoint @plume.vdb --starts 1 --iterations 1 --size 8x8 --resume -o >{}",
+                [
+                    "viewpoint @plume.vdb --starts 1 --iterations 1 --size 8x8 --resume -o >{}",
+                    "viewpoint @plume.vdb --starts 1 --iterations 1 --size 8x8 --init {} -o >found.json",
+                ],
             ),
-            resumed("posed.json", Syntax::Json, "pose @capture --volume @plume.vdb --iterations 1 --resume -o >{}"),
+            resumed(
+                "posed.json",
+                Syntax::Json,
+                [
+                    "pose @capture --volume @plume.vdb --iterations 1 --resume -o >{}",
+                    "pose @capture --volume @plume.vdb --iterations 1 --init {} -o >found.json",
+                ],
+            ),
         ];
 
         let record = |name: &str, commands: &[&'static str]| {

@@ -1,0 +1,217 @@
+//! What earlier runs have left where outputs are to be written. It is decided here alone what may be replaced, which
+//! frames stay as they are, and what a search goes on from.
+
+use super::provenance::{INPUTS, Provenance, RESUMABLE, SETTINGS};
+use crate::error::{Code, Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::vdb::File;
+use crate::formats::{exr, png, protected, transforms};
+use crate::scene::grid::MetaValue;
+use std::path::{Path, PathBuf};
+
+/// State of the place where an output is to be written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Standing {
+    /// No file.
+    Nothing,
+    /// A file that the same settings made.
+    Own,
+    /// A file that other settings made, or one that does not state its settings.
+    Other,
+    /// A picture that was cut short: a file of 0 bytes, or an OpenEXR file whose header cannot be read.
+    Damaged,
+}
+
+impl Standing {
+    /// Judges a capture's JSON.
+    pub(crate) fn of_capture(json: &Path, own: &Provenance) -> Self {
+        match provenance(json) {
+            _ if !json.exists() => Self::Nothing,
+            Some(earlier) if own.same_settings(&earlier.settings) => Self::Own,
+            _ => Self::Other,
+        }
+    }
+
+    /// Judges a picture in OpenEXR or PNG, whose `attribute` holds the hash of the settings that made it.
+    fn of_picture(picture: &Path, attribute: &str, own: &Provenance) -> Self {
+        match attributes(picture).get(attribute) {
+            _ if !picture.exists() => Self::Nothing,
+            Some(earlier) if own.same_settings(earlier) => Self::Own,
+            _ if protected::unprotected(picture, || exr::is_damaged(picture)) => Self::Damaged,
+            _ => Self::Other,
+        }
+    }
+}
+
+/// Attributes of a picture that state what it was made by.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Keys {
+    /// Attribute of the hash of the settings.
+    pub settings: &'static str,
+    /// Attribute of the hashes of the inputs.
+    pub inputs: &'static str,
+}
+
+impl Keys {
+    /// Attributes of rendered pictures.
+    pub(crate) const RENDERED: Self = Self { settings: SETTINGS, inputs: INPUTS };
+}
+
+/// How a run treats pictures that stand where its own go.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Policy<'p> {
+    /// Provenance of the run.
+    pub own: &'p Provenance,
+    pub keys: Keys,
+    /// True to replace pictures of other settings, and damaged ones.
+    pub overwrite: bool,
+    /// True to leave the run's own pictures as they are, and to replace damaged ones.
+    pub resume: bool,
+}
+
+/// Result that an earlier run has left of a frame that is to be made.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Earlier {
+    /// Nothing that counts.
+    None,
+    /// A picture that was made from something else than this file is now.
+    Outdated(PathBuf),
+    /// The picture that would be made.
+    Whole,
+}
+
+impl Policy<'_> {
+    /// Judges what stands at the place of a picture.
+    pub(crate) fn standing(&self, picture: &Path) -> Standing {
+        Standing::of_picture(picture, self.keys.settings, self.own)
+    }
+
+    /// Makes sure that a picture replaces nothing but what the same settings wrote before, or what may be replaced.
+    ///
+    /// # Errors
+    /// If a picture of other settings, or a damaged one, would be replaced.
+    pub(crate) fn check(&self, picture: &Path) -> Result<()> {
+        let (what, hint) = match self.standing(picture) {
+            _ if self.overwrite => return Ok(()),
+            Standing::Nothing | Standing::Own => return Ok(()),
+            Standing::Damaged if self.resume => return Ok(()),
+            Standing::Damaged => {
+                ("the picture that lies here is damaged or incomplete, and cannot be read", "⟨overwrite⟩ replaces it")
+            }
+            Standing::Other => (
+                "a picture lies here that another command made, and would be replaced",
+                "give another name, or ⟨overwrite⟩ to replace it",
+            ),
+        };
+        Err(Error::invalid(what).coded(Code::OutputExists).at(picture).hint(hint))
+    }
+
+    /// Returns what an earlier run has left of a frame with these pictures. `needs` are files that they are made from,
+    /// as far as they are known without them.
+    pub(crate) fn left(&self, pictures: &[PathBuf], needs: &[PathBuf]) -> Earlier {
+        // One that was cut short is made again like one that is missing.
+        let stands = |picture: &PathBuf| self.standing(picture) == Standing::Own && is_whole(picture);
+        if !(self.resume && pictures.iter().all(stands)) {
+            return Earlier::None;
+        }
+        let changed = |picture: &PathBuf| {
+            let attributes = attributes(picture);
+            let named = attributes.get(self.keys.inputs).map_or("", String::as_str);
+            Provenance::changed(named, needs.iter().map(PathBuf::as_path))
+        };
+        pictures.iter().find_map(changed).map_or(Earlier::Whole, Earlier::Outdated)
+    }
+}
+
+/// Makes sure that a capture and its pictures replace only files that the same settings wrote before.
+///
+/// # Errors
+/// If another capture, or a picture, would be replaced; the error names it.
+pub(crate) fn spare_captures(json: &Path, pictures: &[PathBuf], own: &Provenance) -> Result<()> {
+    let (what, place) = match Standing::of_capture(json, own) {
+        Standing::Own => return Ok(()),
+        Standing::Nothing => match pictures.iter().find(|picture| picture.exists()) {
+            Some(picture) => ("a picture lies here that would be replaced", picture.as_path()),
+            None => return Ok(()),
+        },
+        _ => ("another capture lies here, and would be replaced with its pictures", json),
+    };
+    let hint = "give another folder, or ⟨overwrite⟩ to replace it";
+    Err(Error::invalid(what).coded(Code::OutputExists).at(place).hint(hint))
+}
+
+/// Where a search begins.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct InitialGuess<'s> {
+    /// File to begin with, whatever made it.
+    pub init: Option<&'s Path>,
+    /// True to go on from the output of an earlier run.
+    pub resume: bool,
+    pub output: &'s Path,
+    /// True to begin anew where other settings made the output; none where outputs are replaced without it.
+    pub overwrite: Option<bool>,
+}
+
+impl<'s> InitialGuess<'s> {
+    /// Returns the file that the search `own` begins with; none to begin from nothing.
+    ///
+    /// # Errors
+    /// If the search is to go on from an output that its settings did not make, or from two files.
+    pub(crate) fn file(self, own: &Provenance) -> Result<Option<&'s Path>> {
+        let Self { init, resume, output, overwrite } = self;
+        if resume && init.is_some() {
+            return Err(Error::invalid("⟨init⟩ and ⟨resume⟩ each say where to begin").hint("give one of them"));
+        }
+        if !resume || !output.exists() {
+            return Ok(init);
+        }
+        let what = match resumable(output) {
+            Some(earlier) if own.goes_on_from(&earlier) => return Ok(Some(output)),
+            _ if overwrite == Some(true) => return Ok(None),
+            Some(_) => "⟨resume⟩: other settings made the output that lies here",
+            None => "⟨resume⟩: the file that lies here does not state the settings that made it",
+        };
+        let replace =
+            if overwrite.is_some() { "⟨overwrite⟩ replaces it" } else { "without ⟨resume⟩ it is replaced" };
+        Err(Error::invalid(what)
+            .coded(Code::OutputExists)
+            .at(output)
+            .hint(format!("to start from it, give it as ⟨init⟩ and the output another name; {replace}")))
+    }
+}
+
+/// Returns the hash by which `resume` knows a search's output, a VDB or a JSON; none if it states none.
+fn resumable(output: &Path) -> Option<String> {
+    let of_volume = || File::open(output, Limits::default()).ok()?.metadata().ok()?.remove(RESUMABLE);
+    let stated = match protected::unprotected(output, of_volume) {
+        Some(MetaValue::Text(text)) => text,
+        _ => provenance(output)?.resumable,
+    };
+    Some(stated).filter(|text| !text.is_empty())
+}
+
+/// Returns where a JSON comes from, if it tells.
+pub(crate) fn provenance(json: &Path) -> Option<Provenance> {
+    let mut root = protected::unprotected(json, || transforms::read_object(json, Limits::default())).ok()?;
+    serde_json::from_value(root.remove("provenance")?).ok()
+}
+
+/// Returns true if a picture holds all that its header names; of a PNG, if it is not empty.
+fn is_whole(path: &Path) -> bool {
+    protected::unprotected(path, || match is_png(path) {
+        true => !exr::is_damaged(path),
+        false => exr::is_whole(path),
+    })
+}
+
+fn is_png(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+}
+
+/// Returns the attributes of a PNG or EXR that are texts; none if it cannot be read.
+fn attributes(path: &Path) -> exr::Attributes {
+    protected::unprotected(path, || match is_png(path) {
+        true => png::texts(path).unwrap_or_default(),
+        false => exr::header(path).map(|header| header.attributes()).unwrap_or_default(),
+    })
+}
