@@ -115,6 +115,15 @@ pub fn ranges(numbers: impl IntoIterator<Item = u32>) -> String {
     runs.iter().map(run).collect::<Vec<_>>().join(", ")
 }
 
+/// Lists words as a sentence does: `a, b and c` with `and` before the last.
+pub(crate) fn listed<W: AsRef<str>>(words: &[W], before_last: &str) -> String {
+    let joined = |words: &[W]| words.iter().map(AsRef::as_ref).collect::<Vec<_>>().join(", ");
+    match words {
+        [first @ .., last] if !first.is_empty() => format!("{} {before_last} {}", joined(first), last.as_ref()),
+        _ => joined(words),
+    }
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
@@ -156,6 +165,12 @@ mod tests {
     fn runs_are_ranges() {
         assert_eq!(ranges([1, 2, 3, 7, 9, 10]), "1-3, 7, 9-10");
         assert_eq!(ranges([]), "");
+    }
+
+    #[test]
+    fn lists_read_as_sentences() {
+        assert_eq!([listed(&["a", "b", "c"], "or"), listed(&["a"], "or")], ["a, b or c", "a"]);
+        assert_eq!(listed::<&str>(&[], "and"), "");
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! Files that the paths of settings lead to. They are protected before a use case looks at its outputs.
 
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::sequence::Pattern;
-use crate::formats::{Format, captures, protected, scene_file, sniff};
+use crate::formats::{captures, protected, registry, scene_file};
 use std::path::{Path, PathBuf};
 
 /// Protects what the paths lead to, and all that is read, as long as the returned value is held. What cannot be read is
@@ -32,7 +33,7 @@ fn frames(pattern: &Pattern) -> Vec<PathBuf> {
 
 fn of_file(path: &Path, limits: Limits) -> Vec<PathBuf> {
     let mut all = vec![path.to_path_buf()];
-    if sniff(path).is_ok_and(|format| format == Format::Capture) {
+    if registry::sniff(path).is_ok_and(|format| matches!(format.kind, FileKind::Capture)) {
         all.extend(captures::files(path));
         match captures::stated_within(path, limits) {
             Ok(stated) => {

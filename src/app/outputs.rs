@@ -2,7 +2,7 @@
 //! written to.
 
 use crate::error::{Code, Error, Result};
-use crate::formats::atomic;
+use crate::formats::{atomic, registry};
 use crate::report::FILE_NAME as PAGE;
 use std::ffi::OsStr;
 use std::path::Path;
@@ -12,8 +12,6 @@ use std::path::Path;
 pub enum Content {
     /// OpenVDB file.
     Vdb,
-    /// NanoVDB file.
-    NanoVdb,
     /// JSON of a capture.
     Capture,
     /// JSON of a transfer function.
@@ -22,8 +20,6 @@ pub enum Content {
     Png,
     /// OpenEXR picture.
     Exr,
-    /// Array of NumPy.
-    Npy,
     /// USD stage as text.
     UsdText,
 }
@@ -33,22 +29,17 @@ impl Content {
     fn ending(self) -> (&'static str, &'static str) {
         match self {
             Self::Vdb => ("vdb", "an OpenVDB file"),
-            Self::NanoVdb => ("nvdb", "a NanoVDB file"),
             Self::Capture => ("json", "a capture's JSON"),
             Self::TransferFunction => ("json", "a transfer function's JSON"),
             Self::Png => ("png", "a PNG"),
             Self::Exr => ("exr", "an OpenEXR picture"),
-            Self::Npy => ("npy", "an array"),
             Self::UsdText => ("usda", "a USD stage as text"),
         }
     }
 }
 
-/// Extensions of files, which no folder's name is meant to have.
-const FILES: [&str; 29] = [
-    "vdb", "nvdb", "exr", "png", "jpg", "jpeg", "tif", "tiff", "hdr", "json", "xml", "usd", "usda", "usdc", "usdz",
-    "npy", "npz", "html", "htm", "mp4", "txt", "csv", "nii", "gz", "nrrd", "mha", "mhd", "vti", "vtk",
-];
+/// Extensions of files of other formats than those of the [registry], which no folder's name is meant to have.
+const OTHERS: [&str; 7] = ["xml", "html", "htm", "mp4", "txt", "csv", "gz"];
 
 /// Checks a file that is to be written: its name, and that its folder can be written to.
 ///
@@ -82,7 +73,9 @@ pub(crate) fn folder(path: &Path) -> Result<()> {
         return Err(Error::invalid("this is no folder, and files are to be written into it").at(path).hint(hint));
     }
     let ending = path.extension().and_then(OsStr::to_str);
-    match ending.filter(|e| FILES.iter().any(|f| e.eq_ignore_ascii_case(f))) {
+    match ending
+        .filter(|e| registry::by_name(path).is_some() || OTHERS.iter().any(|other| e.eq_ignore_ascii_case(other)))
+    {
         Some(ending) => {
             Err(Error::invalid(format!("a folder would be made, which a name that ends in .{ending} hides"))
                 .coded(Code::OutputName)

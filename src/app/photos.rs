@@ -3,6 +3,7 @@
 use crate::app::checks::Warning;
 use crate::error::{Code, Error, Result};
 use crate::formats::exr;
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::picture;
 use crate::inverse::observation::photo::Photo;
@@ -61,7 +62,7 @@ pub(crate) fn each<T: Send>(
 /// # Errors
 /// If it cannot be read, holds no colors, or has integer samples of an unknown color space.
 pub(crate) fn picture(path: &Path, layer: Option<&str>, capture: &Capture, limits: Limits) -> Result<Film> {
-    if picture::kind(path)? == picture::Kind::Exr {
+    if matches!(picture::format(path)?.kind, FileKind::Exr) {
         check_colors(path, layer)?;
     }
     let options = picture::Options { layer, color_space: capture.color_space, background: capture.background, limits };

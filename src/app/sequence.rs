@@ -3,9 +3,10 @@
 use super::context::Context;
 use super::failed::Failed;
 use crate::error::{Error, Kind, Result};
-use crate::formats::captures;
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::sequence::{Frames, Pattern};
+use crate::formats::{captures, registry};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -60,12 +61,9 @@ pub struct Present {
     pub missing: Vec<u32>,
 }
 
-/// Extensions of the files that sequences consist of where any kind of file may be looked at.
-pub(crate) const ENDINGS: [&str; 6] = ["vdb", "nvdb", "exr", "usd", "usda", "usdc"];
-
 impl FrameSelection {
     /// Returns the sequences that a path names where captures are meant, too: the one of a pattern, or those of a
-    /// folder that is no capture, of files with one of [`ENDINGS`]. None for the path of a file or a capture.
+    /// folder that is no capture, of volumes, pictures and stages. None for the path of a file or a capture.
     ///
     /// # Errors
     /// If a pattern matches no file, or a folder holds neither a capture nor a sequence.
@@ -73,9 +71,11 @@ impl FrameSelection {
         if path.is_dir() && captures::file(path).exists() {
             return Ok(Vec::new());
         }
-        let all = self.all(path, &ENDINGS)?;
+        // Images of other formats are frames where they are converted, and may lie beside the sequences of a folder.
+        let endings = registry::frame_endings(|kind| !matches!(kind, FileKind::Image(_)));
+        let all = self.all(path, &endings)?;
         if all.is_empty() && path.is_dir() {
-            let endings = ENDINGS.map(|ending| format!(".{ending}")).join(", ");
+            let endings = endings.iter().map(|ending| format!(".{ending}")).collect::<Vec<_>>().join(", ");
             return Err(Error::invalid("the folder holds neither a capture nor a sequence").at(path).hint(format!(
                 "a capture is a transforms.json, a model of COLMAP (cameras and images, .txt or .bin) or the folder \
                  that holds one, a sequence two numbered files or more ({endings}); of other files give the names"

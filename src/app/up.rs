@@ -1,12 +1,12 @@
 //! The up axis that a use case works with: that of the settings, or what the input says.
 
 use crate::error::Result;
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
-use crate::formats::scene_file;
 use crate::formats::sequence::Pattern;
 use crate::formats::usd::Stage;
 use crate::formats::vdb::File;
-use crate::formats::{self, Format};
+use crate::formats::{registry, scene_file};
 use crate::scene::up::Up;
 use crate::wording::worded;
 use serde::{Deserialize, Serialize};
@@ -58,9 +58,9 @@ impl UpChoice {
             let first = pattern.numbers()?.first().map(|number| pattern.path(*number));
             return first.map_or_else(|| Ok(unstated()), |first| self.of(&first, limits));
         }
-        match formats::sniff(input)? {
-            Format::Vdb => Ok(of_file(&File::open(input, limits)?)),
-            Format::Usd => {
+        match registry::sniff(input)?.kind {
+            FileKind::Vdb => Ok(of_file(&File::open(input, limits)?)),
+            FileKind::Usd => {
                 let stage = Stage::open(input, limits)?;
                 let reason = match stage.metadata.up_axis {
                     Some(_) => "the stage's upAxis says so",
@@ -68,7 +68,7 @@ impl UpChoice {
                 };
                 Ok(ChosenUp { axis: stage.up_axis().into(), reason: reason.into() })
             }
-            Format::Capture if input.is_file() => of_scene(input, limits),
+            FileKind::Capture if input.is_file() => of_scene(input, limits),
             _ => Ok(unstated()),
         }
     }

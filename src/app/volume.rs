@@ -2,9 +2,10 @@
 
 use super::transfer::TransferSettings;
 use crate::error::{Error, Kind, Result};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{File, shaded};
-use crate::formats::{self, Format, transfer};
+use crate::formats::{registry, transfer};
 use crate::scene::bricks::{Bricks, too_large};
 use crate::scene::grid::Grid;
 use crate::scene::transfer::Transfer;
@@ -16,9 +17,10 @@ use std::path::Path;
 /// # Errors
 /// If the file cannot be read, or is none of OpenVDB.
 pub(crate) fn open(path: &Path, limits: Limits) -> Result<File> {
-    match formats::sniff(path)? {
-        Format::Unknown => Err(formats::unknown(path)),
-        Format::Exr => Err(Error::invalid("this is a picture, and no volume")
+    let format = registry::sniff(path)?;
+    match format.kind {
+        FileKind::Image(_) | FileKind::Unknown => Err(registry::unread(format, path)),
+        FileKind::Exr | FileKind::Picture(_) => Err(Error::invalid("this is a picture, and no volume")
             .hint("give an OpenVDB file; cumulo compare compares pictures, and cumulo view shows them")
             .at(path)),
         _ => File::open(path, limits),

@@ -184,5 +184,5 @@ fn a_layer_becomes_a_png() {
     assert_eq!(levels(&shown), tone.rgb8(&Film::of(12, 8, vec![[0.5, 0.5, 0.5, 1.0]; 96])));
     assert!(convert(2, &[text(&picture), text(&array), "--exposure", "1"]).contains("--exposure has no effect"));
     let jpeg = convert(2, &[text(&picture), text(&dir.path().join("a.jpg"))]);
-    assert!(jpeg.contains("no conversion from EXR to .jpg") && jpeg.contains(".png"), "{jpeg}");
+    assert!(jpeg.contains("no conversion from OpenEXR to .jpg") && jpeg.contains(".png"), "{jpeg}");
 }

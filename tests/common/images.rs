@@ -2,6 +2,10 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use cumulo::formats::format::FileKind;
+use cumulo::formats::imaging::ImageFormat;
+use cumulo::formats::imaging::write::Target;
+use cumulo::formats::registry;
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use glam::{DMat3, DMat4, DQuat, DVec3, EulerRot};
@@ -258,6 +262,28 @@ fn blocks() -> (Vec<u8>, Vec<u8>) {
 
 fn appended(encoding: &str, data: &[u8]) -> Vec<u8> {
     [format!("<AppendedData encoding=\"{encoding}\">\n_").as_bytes(), data, b"\n</AppendedData>\n"].concat()
+}
+
+/// Name of the format of images that a file or folder has, by its content.
+pub fn found(path: &Path) -> Option<&'static str> {
+    registry::find(path, |kind| matches!(kind, FileKind::Image(_))).unwrap().map(|format| format.name)
+}
+
+/// Format of images of this name.
+pub fn format_of(name: &str) -> &'static ImageFormat {
+    let of_name = registry::FORMATS.iter().copied().chain([&registry::RAW]).find(|format| format.name == name);
+    match of_name.unwrap().kind {
+        FileKind::Image(format) => format,
+        kind => panic!("{name} is {kind:?}"),
+    }
+}
+
+/// All forms in which images are written.
+pub fn targets() -> impl Iterator<Item = &'static Target> {
+    registry::FORMATS.iter().flat_map(|format| match format.kind {
+        FileKind::Image(format) => format.targets,
+        _ => &[],
+    })
 }
 
 /// The volume in every format.

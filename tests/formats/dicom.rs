@@ -1,7 +1,7 @@
 //! DICOM series land where their headers say, in every coding of the elements, and damaged ones are refused.
 
+use crate::common::images::{self, format_of};
 use cumulo::error::Result;
-use cumulo::formats::imaging::format::{Format, open, sniff};
 use cumulo::formats::imaging::image::{Header, Values};
 use cumulo::formats::imaging::options::Options;
 use cumulo::formats::imaging::values::Mapping;
@@ -195,7 +195,7 @@ fn write(folder: &Path, slices: &[Slice]) {
 }
 
 fn read(path: &Path, options: &Options) -> Result<(Header, Vec<f64>)> {
-    let mut image = open(path, Format::Dicom, options, LIMITS)?.remove(0);
+    let mut image = format_of("DICOM").open(path, options, LIMITS)?.remove(0);
     let mut values = Vec::new();
     let mut slice = vec![0.0; image.header.slice_len().unwrap()];
     for _ in 0..image.header.size[2] {
@@ -208,7 +208,7 @@ fn read(path: &Path, options: &Options) -> Result<(Header, Vec<f64>)> {
 fn read_slices(slices: &[Slice]) -> Result<(Header, Vec<f64>)> {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), slices);
-    assert_eq!(sniff(folder.path()).unwrap(), Some(Format::Dicom));
+    assert_eq!(images::found(folder.path()), Some("DICOM"));
     read(folder.path(), &Options::default())
 }
 
@@ -330,7 +330,7 @@ fn a_slice_that_is_lost_is_named() {
 
 /// Notes of a folder once all of its slices are read.
 fn notes_of(folder: &Path) -> Vec<String> {
-    let mut image = open(folder, Format::Dicom, &Options::default(), LIMITS).unwrap().remove(0);
+    let mut image = format_of("DICOM").open(folder, &Options::default(), LIMITS).unwrap().remove(0);
     let limits = Limits { max_memory: 1 << 30 };
     let settings = Settings { name: "g", grid_type: GridType::Float, mapping: Mapping::default(), limits };
     build(&mut image, &settings, |_, _| {}).unwrap();
@@ -471,7 +471,7 @@ fn a_preamble_may_be_the_header_of_a_tiff() {
     file[..8].copy_from_slice(b"II*\0\x08\0\0\0");
     let path = folder.path().join("ct.dcm");
     std::fs::write(&path, file).unwrap();
-    assert_eq!(sniff(&path).unwrap(), Some(Format::Dicom));
+    assert_eq!(images::found(&path), Some("DICOM"));
     assert_eq!(read(&path, &Options::default()).unwrap().0.size, [4, 3, 1]);
 }
 

@@ -1,13 +1,12 @@
 //! Images keep their voxels where they are: through every reader, and through every writer and reader in turn.
 
 use crate::common::images::{self, SIZE, oblique, samples, value};
-use cumulo::formats::imaging::format;
 use cumulo::formats::imaging::image::Image;
 use cumulo::formats::imaging::options::{Axes, Options, RawLayout};
 use cumulo::formats::imaging::source::Source;
 use cumulo::formats::imaging::values::Mapping;
 use cumulo::formats::imaging::volume::{GridType, Settings, build};
-use cumulo::formats::imaging::write::{Target, write};
+use cumulo::formats::imaging::write::Target;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::sample;
 use cumulo::formats::vdb::{DenseBox, NativeGrid, ValueKind};
@@ -29,9 +28,8 @@ fn reading(sample: &images::Sample) -> Options {
 }
 
 fn open(path: &Path, options: &Options) -> Image {
-    let found = format::sniff(path).unwrap();
-    let format = if options.raw.is_some() { format::Format::Raw } else { found.unwrap() };
-    let mut images = format::open(path, format, options, Limits::default()).unwrap();
+    let name = if options.raw.is_some() { "raw" } else { images::found(path).unwrap() };
+    let mut images = images::format_of(name).open(path, options, Limits::default()).unwrap();
     assert_eq!(images.len(), 1, "{}", path.display());
     images.remove(0)
 }
@@ -92,26 +90,26 @@ fn every_writer_and_reader_in_turn_keep_labels_and_places() {
     let dir = tempfile::tempdir().unwrap();
     let shift = DMat4::from_translation(DVec3::new(3.0, -7.0, 9.0));
     let start = labels(&Affine::new(oblique() * shift).unwrap());
-    let pass = |native: &NativeGrid, target: Target, axes: Axes| {
-        let path = dir.path().join(format!("x.{}", target.ending()));
+    let pass = |native: &NativeGrid, target: &Target, axes: Axes| {
+        let path = dir.path().join(format!("x.{}", target.ending));
         let source = Source::new(native, Limits::default()).unwrap();
         let transform = Some(source.index_to_world);
-        write(&path, target, &source, "labels", axes).unwrap();
+        target.write(&path, &source, "labels", axes).unwrap();
         let mut image = open(&path, &Options { axes, transform, ..Options::default() });
         let (name, from) = (image.header.name.clone(), image.header.index_to_world);
-        assert_eq!(name.as_deref(), (target == Target::Vti).then_some("labels"));
+        assert_eq!(name.as_deref(), (target.ending == "vti").then_some("labels"));
         let native = grid(&mut image);
         assert_eq!(native.info().unwrap().value_type, "int32", "{target:?}");
         (native, from)
     };
-    for first in Target::ALL {
+    for first in images::targets() {
         for axes in [Axes::Xyz, Axes::Zyx] {
             let (once, _) = pass(&start, first, axes);
-            for second in Target::ALL {
+            for second in images::targets() {
                 let (twice, map) = pass(&once, second, axes);
                 // Directions and spacings are parted and multiplied again in formats of doubles: coordinates below 64 round
                 // by a few units in the last place, twice. NIfTI-1 has single precision.
-                let single = [first, second].iter().any(|t| matches!(t, Target::Nifti | Target::NiftiGz));
+                let single = [first, second].iter().any(|t| t.ending.starts_with("nii"));
                 let unit = if single { f64::from(f32::EPSILON) } else { f64::EPSILON };
                 let off = error(&map, oblique());
                 assert!(off <= 2.0 * 64.0 * 4.0 * unit, "{first:?} {second:?}: {off}");
@@ -133,9 +131,9 @@ fn vectors_and_other_types_pass() {
         let place = DenseBox { low: [0; 3], high: [4, 3, 2], strides: [n, 5 * n, 20 * n].map(|s| s as i64) };
         let mut native = NativeGrid::empty(kind, "v", GridClass::Unknown, &map).unwrap();
         native.write_box(&place, &values, u64::MAX).unwrap();
-        for target in Target::ALL {
-            let path = dir.path().join(format!("v.{}", target.ending()));
-            write(&path, target, &Source::new(&native, Limits::default()).unwrap(), "v", Axes::Xyz).unwrap();
+        for target in images::targets() {
+            let path = dir.path().join(format!("v.{}", target.ending));
+            target.write(&path, &Source::new(&native, Limits::default()).unwrap(), "v", Axes::Xyz).unwrap();
             let mut image = open(&path, &Options { transform: Some(map), ..Options::default() });
             assert_eq!((image.header.components, image.header.size), (n, SIZE), "{target:?}");
             let to = if kind == ValueKind::Double { GridType::Double } else { GridType::Auto };
@@ -154,21 +152,20 @@ fn what_a_format_cannot_hold_is_said() {
     sheared.y_axis += 0.3 * sheared.x_axis;
     let native = labels(&Affine::new(sheared).unwrap());
     let source = Source::new(&native, Limits::default()).unwrap();
-    for target in Target::ALL {
-        let path = dir.path().join(format!("s.{}", target.ending()));
-        let written = write(&path, target, &source, "s", Axes::Xyz);
-        if target == Target::Vti {
+    for target in images::targets() {
+        let path = dir.path().join(format!("s.{}", target.ending));
+        let written = target.write(&path, &source, "s", Axes::Xyz);
+        if target.ending == "vti" {
             let error = written.unwrap_err().to_string();
             assert!(error.contains("sheared") && error.contains("`convert.resample`") && !path.exists(), "{error}");
             continue;
         }
         let notes = written.unwrap().join(" ");
-        let silent = matches!(target, Target::Nrrd | Target::Npy);
+        let silent = ["nrrd", "npy"].contains(&target.ending);
         assert_eq!(notes.contains("sheared"), !silent, "{target:?}: {notes}");
         // The whole map comes back, from the sform or the directions.
         let image = open(&path, &Options { transform: Some(source.index_to_world), ..Options::default() });
-        let unit =
-            if matches!(target, Target::Nifti | Target::NiftiGz) { f64::from(f32::EPSILON) } else { f64::EPSILON };
+        let unit = if target.ending.starts_with("nii") { f64::from(f32::EPSILON) } else { f64::EPSILON };
         assert!(error(&image.header.index_to_world, source.index_to_world.matrix()) <= 64.0 * 4.0 * unit, "{target:?}");
     }
 }

@@ -20,6 +20,7 @@ mod dicom;
 mod exr;
 mod imaging;
 mod nanovdb;
+mod registry;
 mod remedies;
 mod transforms;
 mod usd;

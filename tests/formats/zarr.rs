@@ -1,7 +1,7 @@
 //! OME-Zarr images and Zarr arrays: placement, levels, channels, and damage.
 
+use crate::common::images;
 use cumulo::error::Result;
-use cumulo::formats::imaging::format::{Format, open, sniff};
 use cumulo::formats::imaging::image::{Header, Values};
 use cumulo::formats::imaging::options::Options;
 use cumulo::formats::limits::Limits;
@@ -85,7 +85,7 @@ fn image(folder: &Path, version: u8) {
 }
 
 fn read_within(path: &Path, options: &Options, limits: Limits) -> Result<(Header, Vec<f64>)> {
-    let mut image = open(path, Format::Zarr, options, limits)?.remove(0);
+    let mut image = images::format_of("Zarr").open(path, options, limits)?.remove(0);
     let mut values = Vec::new();
     let mut slice = vec![0.0; image.header.slice_len().unwrap_or(0).min(1 << 20)];
     for _ in 0..image.header.size[2].min(1000) {
@@ -104,7 +104,7 @@ fn voxels_land_where_the_transformations_say() {
     for version in [2, 3] {
         let folder = tempfile::tempdir().unwrap();
         image(folder.path(), version);
-        assert_eq!(sniff(folder.path()).unwrap(), Some(Format::Zarr));
+        assert_eq!(images::found(folder.path()), Some("Zarr"));
         let choice = Options { channel: Some(1), ..Options::default() };
         let (header, values) = read(folder.path(), &choice).unwrap();
         assert_eq!((header.size, header.name.as_deref()), ([7, 6, 5], Some("cells")));

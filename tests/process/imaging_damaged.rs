@@ -5,11 +5,12 @@ use crate::alone::alone;
 use crate::common::images;
 use crate::common::random::Random;
 use cumulo::error::Result;
-use cumulo::formats::imaging::format::{self, Format};
+use cumulo::formats::format::FileKind;
 use cumulo::formats::imaging::options::{Options, RawLayout};
 use cumulo::formats::imaging::values::Mapping;
 use cumulo::formats::imaging::volume::{GridType, Settings, build};
 use cumulo::formats::limits::Limits;
+use cumulo::formats::registry;
 use cumulo::formats::sample::{Endian, Sample};
 use cumulo::math::Affine;
 use rlimit::Resource;
@@ -28,10 +29,10 @@ fn read(path: &Path, sample: &images::Sample) -> Result<()> {
     let raw = RawLayout { size: images::SIZE, sample: Sample::U16, endian: Endian::Big, skip: 7 };
     let raw = (sample.name == "raw").then_some(raw);
     let options = Options { transform: Some(map), raw, ..Options::default() };
-    let found = if raw.is_some() { Some(Format::Raw) } else { format::sniff(path)? };
+    let format = if raw.is_some() { &registry::RAW } else { registry::sniff(path)? };
     // What is no longer told as an image is for others to refuse.
-    let Some(format) = found else { return Err(cumulo::formats::unknown(path)) };
-    for mut image in format::open(path, format, &options, LIMITS)? {
+    let FileKind::Image(reader) = format.kind else { return Err(registry::unread(format, path)) };
+    for mut image in reader.open(path, &options, LIMITS)? {
         let settings = Settings { name: "g", grid_type: GridType::Float, mapping: Mapping::default(), limits: LIMITS };
         build(&mut image, &settings, |_, _| {}).map_err(|e| e.at(path))?;
     }
@@ -118,8 +119,8 @@ fn opened(name: &str, bytes: &[u8]) -> Result<String> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join(name);
     std::fs::write(&path, bytes).unwrap();
-    let format = format::sniff(&path)?.unwrap_or_else(|| panic!("{name} is no image"));
-    let images = format::open(&path, format, &Options::default(), LIMITS)?;
+    let format = images::found(&path).unwrap_or_else(|| panic!("{name} is no image"));
+    let images = images::format_of(format).open(&path, &Options::default(), LIMITS)?;
     Ok(images.iter().flat_map(|image| image.header.notes.clone()).collect::<Vec<_>>().join("; "))
 }
 

@@ -19,12 +19,13 @@ use crate::app::provenance::Provenance;
 use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
 use crate::formats::atomic::{self, Batch};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::protected;
 use crate::formats::transforms::{self, FILE_NAME};
 use crate::formats::usd::{Stage, Views};
 use crate::formats::views::{LensAndMask, StatedCapture};
-use crate::formats::{self, Format, captures, colmap, exr, picture};
+use crate::formats::{captures, colmap, exr, picture, registry};
 use crate::scene::capture::{Capture, Frame, Pictures};
 use crate::scene::color_space::ColorSpace;
 use photographs::Setting;
@@ -202,8 +203,8 @@ impl CaptureSettings {
 
     /// Reads the capture, with what the settings say otherwise.
     fn stated(&self) -> Result<StatedCapture> {
-        let mut stated = match formats::sniff(&self.input)? {
-            Format::Usd => self.stage()?,
+        let mut stated = match registry::sniff(&self.input)?.kind {
+            FileKind::Usd => self.stage()?,
             _ if self.camera.is_some() => {
                 return Err(Error::invalid("⟨camera⟩: this is no USD stage").at(&self.input).hint("leave it out"));
             }

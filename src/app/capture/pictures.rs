@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::picture::{self, Header, Kind};
+use crate::formats::picture::{self, Header};
 use crate::formats::sequence::Pattern;
 use crate::formats::temporary::TemporaryFolder;
 use crate::formats::video;
@@ -69,7 +69,7 @@ pub(super) fn replace(capture: &mut Capture, from: &[PathBuf]) -> Result<()> {
     let files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|p| p.is_file()).collect();
     for frame in &mut capture.frames {
         let same =
-            files.iter().filter(|file| file.file_stem() == frame.picture.file_stem() && picture::kind(file).is_ok());
+            files.iter().filter(|file| file.file_stem() == frame.picture.file_stem() && picture::format(file).is_ok());
         let exact = same.clone().find(|file| file.file_name() == frame.picture.file_name());
         let found = exact.or_else(|| same.min()).ok_or_else(|| {
             let name = frame.picture.file_stem().unwrap_or_default().to_string_lossy();
@@ -163,7 +163,7 @@ impl<'v> View<'v> {
 
     /// Returns true if the picture cannot be used as it lies there.
     pub(crate) fn changes(&self, choices: &Choices) -> bool {
-        self.header.kind != Kind::Exr
+        self.header.bits.is_some()
             || self.distorted()
             || choices.layer.is_some()
             || (self.optics.mask.is_some() && choices.masked == Some(Masked::Background))

@@ -1,9 +1,9 @@
 //! Comparison of two sequences.
 
+use super::CompareSettings;
 use super::figures::{Gauge, SequencesReport};
 use super::page::Gallery;
 use super::traits::Matched;
-use super::{CompareSettings, ENDINGS};
 use crate::app::Context;
 use crate::app::failed::Failed;
 use crate::app::outputs;
@@ -12,6 +12,7 @@ use crate::app::sequence::{Results, Sequence, common, each};
 use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::limits::Limits;
+use crate::formats::registry::EXR;
 use crate::metrics::Comparison;
 use crate::scene::film::Film;
 use crate::text::ranges;
@@ -44,7 +45,7 @@ impl CompareSettings {
         }
         let provenance = Provenance::begin(context);
         let beside = self.beside.as_ref().map(|path| {
-            self.frames.sequence(path, &ENDINGS)?.ok_or_else(|| {
+            self.frames.sequence(path, EXR.endings)?.ok_or_else(|| {
                 Error::invalid("⟨beside⟩: this names no sequence").at(path).hint("give a name such as 'noisy.####.exr'")
             })
         });

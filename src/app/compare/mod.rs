@@ -18,6 +18,7 @@ use crate::app::sequence::FrameSelection;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use crate::formats::registry::EXR;
 use crate::formats::sequence::Pattern;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -65,9 +66,6 @@ pub struct CompareSettings {
     #[serde(flatten)]
     pub limits: Limits,
 }
-
-/// Extensions of the files that a folder's sequence consists of.
-const ENDINGS: [&str; 1] = ["exr"];
 
 /// Report of two pictures, of two sequences, or of the expected values of two pictures.
 #[derive(Debug, Serialize, JsonSchema)]
@@ -145,7 +143,7 @@ impl CompareSettings {
             }
             return self.test(context).map(CompareReport::Statistical);
         }
-        if let Some([a, b]) = &self.frames.pair([&self.a, &self.b], &ENDINGS)? {
+        if let Some([a, b]) = &self.frames.pair([&self.a, &self.b], EXR.endings)? {
             drop(stage);
             return self.sequences([a, b], context).map(CompareReport::Sequences);
         }

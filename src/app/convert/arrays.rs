@@ -3,19 +3,19 @@
 use super::report::{Image, LayerPlace};
 use super::{ConvertSettings, FileReport};
 use crate::app::Context;
-use crate::app::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::png::ToneMapping;
-use crate::formats::{exr, npy, png};
+use crate::formats::raster::WritePicture;
+use crate::formats::{atomic, exr, npy};
 use crate::scene::film::Film;
 use crate::scene::primaries::Primaries;
 use crate::wording::all_worded;
 use std::path::Path;
 
 impl ConvertSettings {
-    fn begin_array(&self, content: Content) -> Result<Limits> {
-        outputs::file(&self.output, content)?;
+    fn begin_array(&self) -> Result<Limits> {
+        atomic::probe(&self.output)?;
         Ok(self.limits)
     }
 
@@ -26,7 +26,7 @@ impl ConvertSettings {
 
     /// Writes a layer of a picture.
     pub(super) fn layer_to_array(&self, context: &Context) -> Result<FileReport> {
-        let limits = self.begin_array(Content::Npy)?;
+        let limits = self.begin_array()?;
         let stage = context.stage("converting");
         let layer = exr::layer_within(&self.input, self.layer.as_deref(), limits)?;
         let shape = vec![layer.height, layer.width, layer.channels.len()];
@@ -36,8 +36,8 @@ impl ConvertSettings {
     }
 
     /// Writes a layer of a picture for display.
-    pub(super) fn layer_to_png(&self, context: &Context) -> Result<FileReport> {
-        let limits = self.begin_array(Content::Png)?;
+    pub(super) fn layer_to_picture(&self, write: WritePicture, context: &Context) -> Result<FileReport> {
+        let limits = self.begin_array()?;
         let stage = context.stage("converting");
         // The film, its levels, and the bytes of the file.
         let most = Limits { max_memory: limits.max_memory / 2 };
@@ -60,7 +60,7 @@ impl ConvertSettings {
             notes.push(format!("colors are converted from primaries {from} to those of sRGB, Rec.709"));
         }
         let tone = ToneMapping { exposure: self.exposure.unwrap_or(0.0) };
-        png::write_film(&self.output, &film, tone, &exr::Attributes::new())?;
+        write(&self.output, &film, tone, &exr::Attributes::new())?;
         drop(stage);
         notes.iter().for_each(|note| context.note(format!("note: {note}")));
         Ok(FileReport::Image(Box::new(Image {
@@ -75,7 +75,7 @@ impl ConvertSettings {
 
     /// Writes an array of one, three or four channels as a picture.
     pub(super) fn array_to_picture(&self, context: &Context) -> Result<FileReport> {
-        let limits = self.begin_array(Content::Exr)?;
+        let limits = self.begin_array()?;
         let stage = context.stage("converting");
         // The array, the film, and the picture as bytes before it is packed.
         let third = Limits { max_memory: limits.max_memory / 6 };

@@ -6,17 +6,18 @@ use super::{ConvertSettings, FileReport};
 use crate::app::Context;
 use crate::error::{Error, Result};
 use crate::formats::atomic;
-use crate::formats::imaging::options::Axes;
+use crate::formats::format::FileKind;
+use crate::formats::imaging::options::{Axes, ReadOption};
 use crate::formats::imaging::source::Source;
 use crate::formats::imaging::values::Tally;
 use crate::formats::imaging::volume;
-use crate::formats::imaging::write::{self, Target};
+use crate::formats::imaging::write::Target;
 use crate::formats::vdb::{File, NativeGrid};
 use crate::wording::all_worded;
 
 impl ConvertSettings {
     /// Writes a grid over the box of its active voxels.
-    pub(super) fn grid_to_image(&self, target: Target, context: &Context) -> Result<FileReport> {
+    pub(super) fn grid_to_image(&self, kind: FileKind, target: &Target, context: &Context) -> Result<FileReport> {
         let limits = self.limits;
         let beside = target.companion(&self.output);
         let written = || std::iter::once(self.output.as_path()).chain(beside.as_deref());
@@ -30,7 +31,7 @@ impl ConvertSettings {
         let lost = losses(&name, &tally, info.components);
         let source = Source::new(&native, limits).map_err(place)?;
         let axes = self.images.axes();
-        let mut notes = write::write(&self.output, target, &source, &name, axes)?;
+        let mut notes = target.write(&self.output, &source, &name, axes)?;
         notes.extend(lost);
         drop(stage);
         notes.iter().for_each(|note| context.note(format!("note: {note}")));
@@ -40,7 +41,7 @@ impl ConvertSettings {
         }
         report.shape = source.size.to_vec();
         report.axes = vec!["x", "y", "z"];
-        if target == Target::Npy && axes == Axes::Zyx {
+        if kind.heeds(ReadOption::Axes) && axes == Axes::Zyx {
             report.shape.reverse();
             report.axes.reverse();
         }
@@ -50,7 +51,7 @@ impl ConvertSettings {
         }
         let transform = array_to_world(&info.affine()?, source.low);
         report.grid = Some(GridPlace::new(info, source.size, source.low, transform, tally));
-        report.format = Some(target.ending());
+        report.format = Some(target.ending);
         report.notes = all_worded(notes);
         Ok(FileReport::Image(Box::new(report)))
     }

@@ -6,15 +6,13 @@ use crate::app::failed::{Failed, List};
 use crate::app::sequence::{FrameSelection, Sequence, each, parted};
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
+use crate::formats::format::{FileKind, ends_in};
 use crate::formats::protected;
+use crate::formats::registry::{self, VDB};
 use crate::formats::sequence::Pattern;
 use serde::Serialize;
-use std::ffi::OsStr;
 use std::fmt;
 use std::path::PathBuf;
-
-/// Extensions of the files that are converted one by one. (Slices of other formats make up one volume.)
-const ENDINGS: [&str; 4] = ["vdb", "nvdb", "exr", "npy"];
 
 /// Report of a sequence.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
@@ -47,9 +45,10 @@ impl ConvertSettings {
     /// # Errors
     /// If the output names no sequence, or the input is none.
     pub(super) fn sequences(&self) -> Result<Option<(Sequence, Pattern)>> {
-        let ending = self.input.extension().and_then(OsStr::to_str).unwrap_or_default();
-        let of_files = ENDINGS.iter().any(|known| known.eq_ignore_ascii_case(ending)) || self.input.is_dir();
-        let Some(sequence) = self.frames.sequence(&self.input, &ENDINGS)?.filter(|_| of_files) else {
+        // Slices of other formats make up one volume.
+        let endings = registry::frame_endings(|kind| !matches!(kind, FileKind::Usd));
+        let of_files = endings.iter().any(|ending| ends_in(&self.input, ending)) || self.input.is_dir();
+        let Some(sequence) = self.frames.sequence(&self.input, &endings)?.filter(|_| of_files) else {
             return self.frames.refuse(&self.input).map(|()| None);
         };
         let to = match Pattern::parse(&self.output) {
@@ -107,7 +106,7 @@ impl ConvertSettings {
     /// Sequences whose frames are joined with those of the first one, which has a frame of each number.
     fn further(&self, first: &Sequence) -> Result<Vec<Sequence>> {
         let sequence = |path: &PathBuf| {
-            let found = self.frames.sequence(path, &["vdb"])?.ok_or_else(|| {
+            let found = self.frames.sequence(path, VDB.endings)?.ok_or_else(|| {
                 Error::invalid("this is no sequence, and the first input is one")
                     .at(path)
                     .hint("give sequences such as 'a.####.vdb' and 'b.####.vdb', or files")

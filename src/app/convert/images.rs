@@ -95,10 +95,10 @@ impl ImageSettings {
     }
 
     /// Type of the grid; arrays of NumPy make floats unless told otherwise.
-    pub(crate) fn grid_type(&self, numpy: bool) -> GridType {
+    pub(crate) fn grid_type(&self, array: bool) -> GridType {
         match self.grid_type {
             Some(stated) => stated,
-            None if numpy => GridType::Float,
+            None if array => GridType::Float,
             None => GridType::Auto,
         }
     }

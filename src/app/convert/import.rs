@@ -7,10 +7,10 @@ use crate::app::Context;
 use crate::app::context::Stage;
 use crate::app::outputs::{self, Content};
 use crate::error::{Error, Result};
-use crate::formats::imaging::format::{self, Format};
-use crate::formats::imaging::image;
-use crate::formats::imaging::options::Axes;
+use crate::formats::format::Format;
+use crate::formats::imaging::options::{Axes, ReadOption};
 use crate::formats::imaging::volume::{self, Settings};
+use crate::formats::imaging::{ImageFormat, image};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::formats::vdb::{NativeGrid, write_native};
@@ -19,12 +19,17 @@ use std::collections::BTreeMap;
 
 impl ConvertSettings {
     /// Writes each array of an image as a grid with background 0, whose zeros are inactive.
-    pub(super) fn image_to_grids(&self, format: Format, context: &Context) -> Result<FileReport> {
+    pub(super) fn image_to_grids(
+        &self,
+        format: &Format,
+        reader: &ImageFormat,
+        context: &Context,
+    ) -> Result<FileReport> {
         let limits = self.limits;
         outputs::file(&self.output, Content::Vdb)?;
         let stage = context.stage("converting");
         let _reading = Reading::begin(&self.input);
-        let images = format::open(&self.input, format, &self.images.reading()?, limits)?;
+        let images = reader.open(&self.input, &self.images.reading()?, limits)?;
         let names = self.grid_names(&images)?;
         let (mut natives, mut places, mut notes) = (Vec::new(), Vec::new(), Vec::new());
         let mut held = 0;
@@ -32,7 +37,7 @@ impl ConvertSettings {
             let left = Limits { max_memory: limits.max_memory.saturating_sub(held) };
             let settings = Settings {
                 name: &name,
-                grid_type: self.images.grid_type(matches!(format, Format::Npy | Format::Npz)),
+                grid_type: self.images.grid_type(format.kind.heeds(ReadOption::Axes)),
                 mapping: self.values.mapping(),
                 limits: left,
             };
@@ -88,7 +93,7 @@ impl ConvertSettings {
     fn report_images(
         &self,
         context: &Context,
-        format: Format,
+        format: &Format,
         grids: Vec<GridPlace>,
         notes: Vec<String>,
     ) -> Result<FileReport> {
@@ -97,7 +102,7 @@ impl ConvertSettings {
         if let [only] = &grids[..] {
             report.shape = only.shape.to_vec();
             report.axes = vec!["x", "y", "z"];
-            if matches!(format, Format::Npy | Format::Npz) && self.images.axes() == Axes::Zyx {
+            if format.kind.heeds(ReadOption::Axes) && self.images.axes() == Axes::Zyx {
                 report.shape.reverse();
                 report.axes.reverse();
             }
@@ -107,7 +112,7 @@ impl ConvertSettings {
             }
             report.grid = Some(only.clone());
         }
-        report.format = Some(format.name());
+        report.format = Some(format.name);
         report.grids = grids;
         report.notes = all_worded(notes);
         Ok(FileReport::Image(Box::new(report)))

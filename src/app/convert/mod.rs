@@ -1,7 +1,6 @@
 //! Volumes, images and pictures from one file format to another.
 //!
-//! `Kind` names the formats. A route from one to another is an arm of [`ConvertSettings::run`], and a file of its own
-//! here.
+//! A route from one kind to another is an arm of `ConvertSettings::convert_file`, and a file of its own here.
 
 mod arrays;
 mod converted;
@@ -36,13 +35,17 @@ use crate::app::sequence::FrameSelection;
 use crate::app::transfer::TransferSettings;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
-use crate::formats::imaging::format::{self, Format as ImageFormat};
+use crate::formats::format::{FileKind, Format, ends_in};
+use crate::formats::imaging::options::ReadOption;
 use crate::formats::imaging::write::Target;
 use crate::formats::limits::Limits;
+use crate::formats::raster::PictureFormat;
+use crate::formats::registry::{self, FORMATS, NPY, RAW, VDB};
 use crate::formats::vdb::Codec;
-use crate::formats::{Format, sniff};
+use crate::text::listed;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::ffi::OsStr;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -176,75 +179,63 @@ pub enum Repair {
     Density,
 }
 
-/// Format of a file that is read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Vdb,
-    Nano,
-    Exr,
-    Image(ImageFormat),
-}
-
-impl Kind {
-    /// Detects the format of an input by its content. What is neither picture nor image goes to the reader of VDBs,
-    /// which says what it is.
-    fn of_input(path: &Path) -> Result<Self> {
-        if let Some(format) = format::sniff(path)? {
-            return Ok(Self::Image(format));
-        }
-        if path.is_dir() {
-            return Ok(Self::Vdb);
-        }
-        Ok(match sniff(path)? {
-            Format::Exr => Self::Exr,
-            Format::NanoVdb => Self::Nano,
-            _ => Self::Vdb,
-        })
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Vdb => "VDB",
-            Self::Nano => "NanoVDB",
-            Self::Exr => "EXR",
-            Self::Image(format) => format.name(),
-        }
-    }
+/// Returns the format of an input by its content; none of what is neither volume nor picture.
+fn format_of_input(path: &Path) -> Result<Option<&'static Format>> {
+    registry::find(path, |kind| !matches!(kind, FileKind::Capture | FileKind::Usd))
 }
 
 /// Format of a file that is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Written {
-    Vdb,
-    Nano,
-    Exr,
-    Png,
-    Image(Target),
+#[derive(Debug, Clone, Copy)]
+struct Output {
+    format: &'static Format,
+    /// Form of an image.
+    target: Option<&'static Target>,
 }
 
-impl Written {
-    /// Format that an output's name asks for; that of VDBs checks names of other endings.
-    fn of(path: &Path) -> Self {
-        match Target::of(path) {
-            Some(target) => Self::Image(target),
-            None => match path.extension().and_then(OsStr::to_str).unwrap_or_default().to_ascii_lowercase().as_str() {
-                "exr" => Self::Exr,
-                "png" => Self::Png,
-                "nvdb" => Self::Nano,
-                _ => Self::Vdb,
-            },
-        }
+impl Output {
+    /// Returns what an output's name asks for; names of other endings are checked where VDBs are written.
+    fn named(path: &Path) -> Self {
+        let output = |format: &'static Format| match format.kind {
+            FileKind::Image(image) => {
+                let target = image.targets.iter().find(|target| ends_in(path, target.ending))?;
+                Some(Self { format, target: Some(target) })
+            }
+            FileKind::NanoVdb | FileKind::Exr | FileKind::Picture(PictureFormat { write: Some(_), .. }) => {
+                format.has_name(path).then_some(Self { format, target: None })
+            }
+            _ => None,
+        };
+        FORMATS.iter().find_map(|format| output(format)).unwrap_or(Self { format: &VDB, target: None })
     }
 
-    fn name(self) -> String {
-        match self {
-            Self::Vdb => "VDB".into(),
-            Self::Nano => ".nvdb".into(),
-            Self::Exr => "EXR".into(),
-            Self::Png => "PNG".into(),
-            Self::Image(target) => format!(".{}", target.ending()),
+    /// Name in errors.
+    fn name(self) -> Cow<'static, str> {
+        match (self.target, self.format.kind) {
+            (Some(target), _) => format!(".{}", target.ending).into(),
+            (None, FileKind::NanoVdb) => ".nvdb".into(),
+            (None, _) => self.format.name.into(),
         }
     }
+}
+
+/// Returns which inputs become which outputs, as advice.
+fn routes() -> String {
+    let (mut images, mut pictures) = (Vec::new(), Vec::new());
+    for format in FORMATS {
+        match format.kind {
+            FileKind::Image(image) => images.extend(image.targets.iter().map(|target| format!(".{}", target.ending))),
+            FileKind::Picture(PictureFormat { write: Some(_), .. }) => {
+                pictures.extend(format.endings.iter().map(|ending| format!(".{ending}")));
+            }
+            _ => {}
+        }
+    }
+    format!(
+        "a .vdb becomes a .vdb, .nvdb, {}; an .exr becomes a .npy or {}, a .npy an .exr or .vdb, and .nvdb and other \
+         images a .vdb",
+        listed(&images, "or"),
+        listed(&pictures, "or")
+    )
 }
 
 use_case!(ConvertSettings => ConvertReport, limits);
@@ -277,48 +268,46 @@ impl ConvertSettings {
 
     /// Converts one file, or several that are joined.
     fn convert_file(&self, context: &Context) -> Result<FileReport> {
-        let from =
-            if self.images.dims.is_some() { Kind::Image(ImageFormat::Raw) } else { Kind::of_input(&self.input)? };
-        let to = Written::of(&self.output);
-        // What is no VDB after all is told by the reader of VDBs; its options do not matter then.
-        let told =
-            from != Kind::Vdb || self.input.is_dir() || matches!(sniff(&self.input)?, Format::Vdb | Format::NanoVdb);
-        if told {
+        let found = if self.images.dims.is_some() { Some(&RAW) } else { format_of_input(&self.input)? };
+        // The reader of VDBs says what others are; options do not matter then.
+        let (from, to) = (found.unwrap_or(&VDB), Output::named(&self.output));
+        if found.is_some() || self.input.is_dir() {
             self.check_options(from, to)?;
         }
         self.check_join(from, to)?;
-        match (from, to) {
-            (Kind::Vdb, Written::Vdb) => self.grids(context),
-            (Kind::Vdb, Written::Nano) => self.grids_to_nano(context),
-            (Kind::Nano, Written::Vdb) => self.nano_to_grids(context),
-            (Kind::Vdb, Written::Image(target)) => self.grid_to_image(target, context),
-            (Kind::Image(format), Written::Vdb) => self.image_to_grids(format, context),
-            (Kind::Exr, Written::Image(Target::Npy)) => self.layer_to_array(context),
-            (Kind::Exr, Written::Png) => self.layer_to_png(context),
-            (Kind::Image(ImageFormat::Npy), Written::Exr) => self.array_to_picture(context),
-            (from, to) => {
+        match (from.kind, to.format.kind, to.target) {
+            (FileKind::Vdb, FileKind::Vdb, _) => self.grids(context),
+            (FileKind::Vdb, FileKind::NanoVdb, _) => self.grids_to_nano(context),
+            (FileKind::NanoVdb, FileKind::Vdb, _) => self.nano_to_grids(context),
+            (FileKind::Vdb, kind, Some(target)) => self.grid_to_image(kind, target, context),
+            (FileKind::Image(reader), FileKind::Vdb, _) => self.image_to_grids(from, reader, context),
+            (FileKind::Exr, _, Some(_)) if *to.format == NPY => self.layer_to_array(context),
+            (FileKind::Exr, FileKind::Picture(PictureFormat { write: Some(write), .. }), _) => {
+                self.layer_to_picture(*write, context)
+            }
+            (FileKind::Image(_), FileKind::Exr, _) if *from == NPY => self.array_to_picture(context),
+            _ => {
                 // A name of no known ending is taken for that of a VDB.
-                let ending = self.output.extension().and_then(OsStr::to_str).filter(|_| to == Written::Vdb);
+                let ending = self.output.extension().and_then(OsStr::to_str).filter(|_| *to.format == VDB);
                 let ending = ending.filter(|ending| !ending.eq_ignore_ascii_case("vdb"));
-                let to = ending.map_or_else(|| to.name(), |ending| format!(".{ending}"));
-                Err(Error::unsupported(format!("no conversion from {} to {to}", from.name())).at(&self.input).hint(
-                    "a .vdb becomes a .vdb, .nvdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd or .vti; an .exr becomes a \
-                     .npy or .png, a .npy an .exr or .vdb, and .nvdb and other images a .vdb",
-                ))
+                let to = ending.map_or_else(|| to.name(), |ending| format!(".{ending}").into());
+                Err(Error::unsupported(format!("no conversion from {} to {to}", from.name))
+                    .at(&self.input)
+                    .hint(routes()))
             }
         }
     }
 
     /// Refuses several inputs that do not become one VDB, and edits that are of one file.
-    fn check_join(&self, from: Kind, to: Written) -> Result<()> {
+    fn check_join(&self, from: &Format, to: Output) -> Result<()> {
         let Some(second) = self.more.first() else { return Ok(()) };
         for path in &self.more {
-            let kind = Kind::of_input(path)?;
-            if (from, kind, to) != (Kind::Vdb, Kind::Vdb, Written::Vdb) {
-                let (of, to) = (if from == Kind::Vdb { kind } else { from }, to.name());
+            let other = format_of_input(path)?.unwrap_or(&VDB);
+            if [from, other, to.format].iter().any(|format| **format != VDB) {
+                let (of, to) = (if *from == VDB { other } else { from }, to.name());
                 return Err(Error::unsupported(format!(
                     "several files become one VDB if all are VDBs, not from {} to {to}",
-                    of.name()
+                    of.name
                 ))
                 .at(path)
                 .hint("the last name is the output; convert the others to VDBs first, one by one"));
@@ -336,18 +325,17 @@ impl ConvertSettings {
     }
 
     /// Refuses settings that a route would ignore.
-    fn check_options(&self, from: Kind, to: Written) -> Result<()> {
-        let edits = from == Kind::Vdb && to == Written::Vdb;
-        let imports = matches!(from, Kind::Image(_)) && to == Written::Vdb;
-        let exports = from == Kind::Vdb && matches!(to, Written::Image(_));
-        let array = matches!(from, Kind::Image(ImageFormat::Npy | ImageFormat::Npz)) && imports
-            || exports && to == Written::Image(Target::Npy);
-        let of_image = |has: fn(ImageFormat) -> bool| imports && matches!(from, Kind::Image(format) if has(format));
-        let placed = of_image(ImageFormat::takes_placement);
-        let (images, values) = (&self.images, &self.values);
-        let nano = from == Kind::Nano && to == Written::Vdb || from == Kind::Vdb && to == Written::Nano;
+    fn check_options(&self, from: &Format, to: Output) -> Result<()> {
+        let (read, written) = (from.kind, to.format.kind);
+        let edits = matches!((read, written), (FileKind::Vdb, FileKind::Vdb));
+        let imports = matches!((read, written), (FileKind::Image(_), FileKind::Vdb));
+        let exports = matches!((read, written), (FileKind::Vdb, FileKind::Image(_)));
+        let nano = matches!((read, written), (FileKind::NanoVdb, FileKind::Vdb) | (FileKind::Vdb, FileKind::NanoVdb));
         let grids = edits || imports || exports;
-        let of = |format: ImageFormat| imports && from == Kind::Image(format);
+        let heeds = |option| imports && read.heeds(option);
+        let placed = heeds(ReadOption::Placement);
+        let array = heeds(ReadOption::Axes) || exports && written.heeds(ReadOption::Axes);
+        let (images, values) = (&self.images, &self.values);
         let options = [
             ("⟨grid⟩", !self.grid.is_empty(), grids || nano),
             ("⟨rename⟩", !self.rename.is_empty(), edits),
@@ -356,19 +344,19 @@ impl ConvertSettings {
             ("⟨prune⟩", self.prune.is_some(), edits),
             ("⟨repair⟩", self.repair.is_some(), edits),
             ("⟨tf⟩", self.transfer.tf.is_some(), edits),
-            ("⟨half⟩", self.half, !matches!(to, Written::Image(_) | Written::Nano | Written::Png)),
-            ("⟨codec⟩", self.codec != Codec::default(), to == Written::Vdb),
-            ("⟨layer⟩", self.layer.is_some(), from == Kind::Exr),
-            ("⟨exposure⟩", self.exposure.is_some(), to == Written::Png),
+            ("⟨half⟩", self.half, !matches!(written, FileKind::Image(_) | FileKind::NanoVdb | FileKind::Picture(_))),
+            ("⟨codec⟩", self.codec != Codec::default(), matches!(written, FileKind::Vdb)),
+            ("⟨layer⟩", self.layer.is_some(), matches!(read, FileKind::Exr)),
+            ("⟨exposure⟩", self.exposure.is_some(), matches!(written, FileKind::Picture(_))),
             ("⟨scale⟩", values.scale.is_some(), grids),
             ("⟨offset⟩", values.offset.is_some(), grids),
             ("⟨map⟩", values.map.is_some(), grids),
             ("⟨threshold⟩", values.threshold.is_some(), grids),
-            ("⟨time⟩", images.time.is_some(), of_image(ImageFormat::has_times)),
-            ("⟨channel⟩", images.channel.is_some(), of(ImageFormat::Zarr)),
-            ("⟨level⟩", images.level.is_some(), of(ImageFormat::Zarr)),
-            ("⟨series⟩", images.series.is_some(), of(ImageFormat::Dicom)),
-            ("⟨array⟩", images.array.is_some(), of_image(ImageFormat::has_arrays)),
+            ("⟨time⟩", images.time.is_some(), heeds(ReadOption::Time)),
+            ("⟨channel⟩", images.channel.is_some(), heeds(ReadOption::Channel)),
+            ("⟨level⟩", images.level.is_some(), heeds(ReadOption::Level)),
+            ("⟨series⟩", images.series.is_some(), heeds(ReadOption::Series)),
+            ("⟨array⟩", images.array.is_some(), heeds(ReadOption::Array)),
             ("⟨as⟩", images.grid_type.is_some(), grids),
             ("⟨axes⟩", images.axes.is_some(), array),
             ("⟨voxel_size⟩", images.voxel_size.is_some(), placed),
@@ -379,10 +367,37 @@ impl ConvertSettings {
         let of_edits = self.edits.stated().map(|(name, given)| (name, given, edits));
         match options.iter().chain(&of_edits).find(|(_, given, applies)| *given && !applies) {
             Some((name, ..)) => {
-                Err(Error::invalid(format!("{name} has no effect from {} to {}", from.name(), to.name()))
+                Err(Error::invalid(format!("{name} has no effect from {} to {}", from.name, to.name()))
                     .hint("leave it out, or convert in two steps: edit VDBs first, then turn their grids into arrays"))
             }
             None => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn endings_name_outputs() {
+        for (path, name) in [
+            ("a/b.NII.gz", ".nii.gz"),
+            ("b.nii", ".nii"),
+            ("b.npy", ".npy"),
+            ("b.nvdb", ".nvdb"),
+            ("b.exr", "OpenEXR"),
+            ("b.PNG", "PNG"),
+            ("b.jpg", "VDB"),
+            ("b.gz", "VDB"),
+            ("b", "VDB"),
+        ] {
+            assert_eq!(Output::named(Path::new(path)).name(), name, "{path}");
+        }
+        let header = Path::new("x/b.mhd");
+        assert_eq!(Output::named(header).target.unwrap().companion(header), Some("x/b.raw".into()));
+        let advice = "a .vdb, .nvdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd or .vti; an .exr becomes a .npy or .png,";
+        assert!(routes().contains(advice), "{}", routes());
     }
 }

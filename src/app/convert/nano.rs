@@ -5,6 +5,7 @@ use super::{ConvertSettings, FileReport, half};
 use crate::app::Context;
 use crate::app::outputs::{self, Content};
 use crate::error::{Code, Error, Result};
+use crate::formats::atomic;
 use crate::formats::imaging::values::Tally;
 use crate::formats::limits::Limits;
 use crate::formats::nanovdb::{self, Volume};
@@ -15,14 +16,10 @@ use crate::wording::all_worded;
 use std::collections::BTreeMap;
 
 impl ConvertSettings {
-    fn begin_nano(&self, content: Content) -> Result<Limits> {
-        outputs::file(&self.output, content)?;
-        Ok(self.limits)
-    }
-
     /// Writes the grids of a NanoVDB as those of a VDB.
     pub(super) fn nano_to_grids(&self, context: &Context) -> Result<FileReport> {
-        let limits = self.begin_nano(Content::Vdb)?;
+        outputs::file(&self.output, Content::Vdb)?;
+        let limits = self.limits;
         let stage = context.stage("converting");
         let mut file = nanovdb::File::open(&self.input, limits)?;
         let (mut natives, mut places, mut notes) = (Vec::new(), Vec::new(), Vec::new());
@@ -78,7 +75,8 @@ impl ConvertSettings {
 
     /// Writes the grids of a VDB as those of a NanoVDB.
     pub(super) fn grids_to_nano(&self, context: &Context) -> Result<FileReport> {
-        let limits = self.begin_nano(Content::NanoVdb)?;
+        atomic::probe(&self.output)?;
+        let limits = self.limits;
         let stage = context.stage("converting");
         let file = File::open(&self.input, limits)?;
         let texts = carried_metadata(&file)?;

@@ -5,9 +5,10 @@ use crate::app::motion::{Choices, Tracing};
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::exr::{Document, LayerInfo};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::sequence::Pattern;
-use crate::formats::{Format, captures, scene_file, sniff};
+use crate::formats::{captures, registry, scene_file};
 use crate::scene::film::Film;
 use crate::text::serde_as_text;
 use glam::Vec2;
@@ -59,7 +60,7 @@ impl Motion {
             Self::Volume { input, cameras } => {
                 let volume = frame(input);
                 let folder = volume.parent().unwrap_or(Path::new(""));
-                let is_scene = sniff(&volume).is_ok_and(|format| format == Format::Capture);
+                let is_scene = registry::sniff(&volume).is_ok_and(|format| matches!(format.kind, FileKind::Capture));
                 let scene = is_scene.then(|| scene_file::read(&volume, Limits::default()).ok()).flatten();
                 let named: Vec<PathBuf> =
                     scene.iter().flat_map(|s| s.files()).map(|f| frame(&folder.join(f))).collect();

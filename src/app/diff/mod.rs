@@ -15,6 +15,7 @@ use crate::app::sequence::FrameSelection;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use crate::formats::registry::VDB;
 use crate::metrics::volume::Effort;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -131,7 +132,7 @@ impl DiffSettings {
             return Err(Error::invalid(format!("⟨tolerance⟩ {}: zero or more is needed", self.tolerance))
                 .hint("give the largest absolute difference of a value that still counts as equal"));
         }
-        if let Some(sequences) = self.frames.pair([&self.a, &self.b], &["vdb"])? {
+        if let Some(sequences) = self.frames.pair([&self.a, &self.b], VDB.endings)? {
             return self.sequences(&sequences, context).map(DiffReport::Sequences);
         }
         self.files([&self.a, &self.b], self.limits, context).map(DiffReport::Files)

@@ -1,7 +1,7 @@
 //! Headers of images: scans and fields of other formats than OpenVDB's.
 
 use crate::error::Result;
-use crate::formats::imaging::format::{self, Format};
+use crate::formats::imaging::ImageFormat;
 use crate::formats::imaging::image::{Header, Values};
 use crate::formats::imaging::options::Options;
 use crate::formats::limits::Limits;
@@ -40,8 +40,8 @@ struct Entry {
 ///
 /// # Errors
 /// If the file cannot be read, or its header is damaged or incomplete.
-pub(crate) fn summary(path: &Path, kind: Format, limits: Limits) -> Result<Summary> {
-    let images = format::open(path, kind, &Options::default(), limits)?;
+pub(crate) fn summary(path: &Path, kind: &'static str, reader: &ImageFormat, limits: Limits) -> Result<Summary> {
+    let images = reader.open(path, &Options::default(), limits)?;
     let entry = |header: Header| Entry {
         name: header.name,
         size: header.size,
@@ -51,7 +51,7 @@ pub(crate) fn summary(path: &Path, kind: Format, limits: Limits) -> Result<Summa
         origin: header.index_to_world.to_world(glam::DVec3::ZERO).to_array(),
         notes: all_worded(header.notes),
     };
-    Ok(Summary { kind: kind.name(), images: images.into_iter().map(|image| entry(image.header)).collect() })
+    Ok(Summary { kind, images: images.into_iter().map(|image| entry(image.header)).collect() })
 }
 
 impl fmt::Display for Summary {

@@ -2,6 +2,7 @@
 
 mod image;
 mod nano;
+mod picture;
 mod sequence;
 mod volume;
 
@@ -12,10 +13,10 @@ use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Kind, Result};
 use crate::formats::captures::CaptureSummary;
 use crate::formats::exr::ExrSummary;
-use crate::formats::imaging::format as imaging;
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::usd::StageSummary;
-use crate::formats::{self, Format};
+use crate::formats::{captures, exr, registry, usd};
 use crate::text::printable;
 use sequence::Summary;
 use serde::{Deserialize, Serialize};
@@ -61,7 +62,7 @@ struct Described {
     error: Option<Failure>,
 }
 
-/// Content of a file, tagged in JSON with the name of its [`Format`].
+/// Content of a file, tagged in JSON with its [`FileKind`].
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(tag = "format", rename_all = "lowercase")]
 enum Content {
@@ -70,6 +71,7 @@ enum Content {
     Exr(ExrSummary),
     Capture(CaptureSummary),
     Usd(StageSummary),
+    Picture(picture::Summary),
     Image(image::Summary),
 }
 
@@ -140,25 +142,20 @@ impl InfoSettings {
 }
 
 fn content(path: &Path, limits: Limits) -> Result<Content> {
-    match formats::sniff(path)? {
-        Format::Vdb => volume::summary(path, limits).map(Content::Vdb),
-        Format::NanoVdb => nano::summary(path, limits).map(Content::NanoVdb),
-        Format::Exr => formats::exr::summary_within(path, limits).map(Content::Exr),
-        Format::Capture if path.is_dir() && !formats::captures::file(path).exists() => folder(path, limits),
-        Format::Capture => formats::captures::summary_within(path, limits).map(Content::Capture),
-        Format::Usd => formats::usd::summary(path, limits).map(Content::Usd),
-        Format::Unknown => match imaging::sniff(path)? {
-            Some(kind) => image::summary(path, kind, limits).map(Content::Image),
-            None => Err(formats::unknown(path)),
-        },
+    let mut format = registry::sniff(path)?;
+    if path.is_dir() && !captures::file(path).exists() {
+        // A folder that holds no capture: an image of several files, else what a capture lacks.
+        format = registry::find(path, |kind| matches!(kind, FileKind::Image(_)))?.unwrap_or(format);
     }
-}
-
-/// Describes a folder that holds no capture: an image of several files, else what a capture lacks.
-fn folder(path: &Path, limits: Limits) -> Result<Content> {
-    match imaging::sniff(path)? {
-        Some(kind) => image::summary(path, kind, limits).map(Content::Image),
-        None => formats::captures::summary_within(path, limits).map(Content::Capture),
+    match format.kind {
+        FileKind::Vdb => volume::summary(path, limits).map(Content::Vdb),
+        FileKind::NanoVdb => nano::summary(path, limits).map(Content::NanoVdb),
+        FileKind::Exr => exr::summary_within(path, limits).map(Content::Exr),
+        FileKind::Picture(reader) => picture::summary(path, format.name, reader).map(Content::Picture),
+        FileKind::Image(reader) => image::summary(path, format.name, reader, limits).map(Content::Image),
+        FileKind::Capture => captures::summary_within(path, limits).map(Content::Capture),
+        FileKind::Usd => usd::summary(path, limits).map(Content::Usd),
+        FileKind::Unknown => Err(registry::unread(format, path)),
     }
 }
 
@@ -169,16 +166,25 @@ impl fmt::Display for InfoReport {
     }
 }
 
+impl fmt::Display for Content {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Vdb(volume) => volume.fmt(f),
+            Self::NanoVdb(volume) => volume.fmt(f),
+            Self::Exr(picture) => picture.fmt(f),
+            Self::Capture(capture) => capture.fmt(f),
+            Self::Usd(stage) => stage.fmt(f),
+            Self::Picture(picture) => picture.fmt(f),
+            Self::Image(image) => image.fmt(f),
+        }
+    }
+}
+
 impl fmt::Display for Described {
     /// Writes path and kind of the file on one line, and all else below it, indented.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let text = match (&self.content, &self.error) {
-            (Some(Content::Vdb(volume)), _) => volume.to_string(),
-            (Some(Content::NanoVdb(summary)), _) => summary.to_string(),
-            (Some(Content::Exr(picture)), _) => picture.to_string(),
-            (Some(Content::Capture(capture)), _) => capture.to_string(),
-            (Some(Content::Usd(stage)), _) => stage.to_string(),
-            (Some(Content::Image(image)), _) => image.to_string(),
+            (Some(content), _) => content.to_string(),
             (None, Some(failure)) => failure.to_string(),
             (None, None) => String::new(),
         };

@@ -79,10 +79,7 @@ fn line(content: &Content) -> String {
             let layers: usize = picture.parts.iter().map(|part| part.layers.len()).sum();
             format!("{width} x {height} pixels, {layers} layers")
         }
-        Content::Capture(capture) => capture.to_string().lines().next().unwrap_or_default().to_owned(),
-        Content::NanoVdb(file) => file.to_string().lines().next().unwrap_or_default().to_owned(),
-        Content::Usd(stage) => stage.to_string().lines().next().unwrap_or_default().to_owned(),
-        Content::Image(image) => image.to_string().lines().next().unwrap_or_default().to_owned(),
+        _ => content.to_string().lines().next().unwrap_or_default().to_owned(),
     }
 }
 

@@ -4,12 +4,13 @@ use crate::app::render::between;
 use crate::app::volume;
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::{self, SceneVolume};
 use crate::formats::sequence::Pattern;
 use crate::formats::usd::{self, Overrides, Stage};
 use crate::formats::vdb::{File, velocity};
-use crate::formats::{self, Format, captures};
+use crate::formats::{captures, registry};
 use crate::render::film::{self, Aov, Sampling, View};
 use crate::render::path::PathTracer;
 use crate::scene::camera::Camera;
@@ -131,9 +132,9 @@ impl Tracing {
     /// Returns a scene in which nothing shines: rays end where they first meet a volume. Also returns whether other
     /// frames show other volumes of the same file.
     fn scene(&self, input: &Path, number: u32) -> Result<(Scene, bool)> {
-        let loaded = match formats::sniff(input)? {
-            Format::Capture => scene_file::load_within(input, Some(number), self.limits)?,
-            Format::Usd => {
+        let loaded = match registry::sniff(input)?.kind {
+            FileKind::Capture => scene_file::load_within(input, Some(number), self.limits)?,
+            FileKind::Usd => {
                 let stage = Stage::open(input, self.limits)?;
                 usd::scene::load(&stage, number.into(), self.limits, &Overrides::default())?
             }
@@ -181,7 +182,7 @@ impl Tracing {
 /// # Errors
 /// If the file cannot be read.
 fn is_scene(input: &Path) -> Result<bool> {
-    Ok(matches!(formats::sniff(input)?, Format::Capture | Format::Usd))
+    Ok(matches!(registry::sniff(input)?.kind, FileKind::Capture | FileKind::Usd))
 }
 
 /// Returns a medium of the same extinction that neither shines nor scatters light on.

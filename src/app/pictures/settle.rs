@@ -10,9 +10,9 @@ use super::subject::Subject;
 use crate::app::Context;
 use crate::app::provenance::Provenance;
 use crate::error::Result;
-use crate::formats::Format;
+use crate::formats::format::FileKind;
+use crate::formats::registry::sniff;
 use crate::formats::sequence::Pattern;
-use crate::formats::sniff;
 use crate::plan::{Effect, State};
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
@@ -55,7 +55,8 @@ impl PictureSettings {
         let mut settled = Settled::default();
         let auto = self.density_scale == Some(DensityScale::Auto);
         let plans = self.planning.max_omitted > 0.0;
-        let moves = pattern.is_some() || sniff(&self.input).is_ok_and(|format| format == Format::Capture);
+        let moves =
+            pattern.is_some() || sniff(&self.input).is_ok_and(|format| matches!(format.kind, FileKind::Capture));
         if !moves || !(auto || placed.is_some() || plans) {
             return Ok(settled);
         }

@@ -5,11 +5,13 @@ use super::settings::PictureSettings;
 use crate::app::provenance::Provenance;
 use crate::app::sequence::FrameSelection;
 use crate::error::{Error, Result};
+use crate::formats::captures;
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
+use crate::formats::registry::{self, VDB};
 use crate::formats::scene_file::LoadedScene;
 use crate::formats::sequence::Pattern;
 use crate::formats::usd::{self, Overrides, Stage, Views};
-use crate::formats::{self, Format, captures};
 use crate::scene::capture::Capture;
 use std::path::{Path, PathBuf};
 
@@ -25,7 +27,7 @@ impl PictureSettings {
         if !self.input.is_dir() {
             return Ok(None);
         }
-        match FrameSelection::default().sequence(&self.input, &["vdb"])? {
+        match FrameSelection::default().sequence(&self.input, VDB.endings)? {
             Some(sequence) => Ok(Some(sequence.pattern.name())),
             None => Err(Error::invalid("the folder holds no numbered VDBs")
                 .at(&self.input)
@@ -41,7 +43,7 @@ impl PictureSettings {
         if Pattern::parse(&self.input).is_some() {
             return Ok(false);
         }
-        Ok(formats::sniff(&self.input)? == Format::Usd)
+        Ok(matches!(registry::sniff(&self.input)?.kind, FileKind::Usd))
     }
 
     /// Returns the cameras of the pictures with what else a capture tells: those of `cameras`, or of the stage that
@@ -63,7 +65,7 @@ impl PictureSettings {
         let stage = match &self.cameras {
             // Paths that cannot be read are those of captures, whose errors say what is looked for.
             Some(path) => {
-                let is_stage = formats::sniff(path).is_ok_and(|format| format == Format::Usd);
+                let is_stage = registry::sniff(path).is_ok_and(|format| matches!(format.kind, FileKind::Usd));
                 is_stage.then(|| Stage::open(path, limits))
             }
             None if self.views.is_none() && self.shows_stage()? => Some(self.stage(limits)),

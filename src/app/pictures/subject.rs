@@ -4,9 +4,10 @@ use super::settings::PictureSettings;
 use crate::app::provenance::Provenance;
 use crate::app::volume;
 use crate::error::{Error, Result};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
+use crate::formats::registry;
 use crate::formats::scene_file::{self, LoadedScene, SceneVolume};
-use crate::formats::{self, Format};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, EmissionModel, Model};
 use crate::scene::emission::{self, Emission, Emitted};
@@ -113,10 +114,10 @@ impl PictureSettings {
         limits: Limits,
         provenance: &mut Provenance,
     ) -> Result<(Subject, Option<Transfer>)> {
-        let format = formats::sniff(&self.input)?;
-        if matches!(format, Format::Capture | Format::Usd) {
-            let loaded = match format {
-                Format::Usd => self.staged(limits)?,
+        let kind = registry::sniff(&self.input)?.kind;
+        if matches!(kind, FileKind::Capture | FileKind::Usd) {
+            let loaded = match kind {
+                FileKind::Usd => self.staged(limits)?,
                 _ => {
                     self.check_scene_file()?;
                     scene_file::load_within(&self.input, self.frame, limits)?

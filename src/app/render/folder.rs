@@ -8,7 +8,8 @@ use crate::app::earlier::{self, Earlier, Keys, Policy, Standing};
 use crate::app::pictures::scales::DensityScales;
 use crate::app::provenance::Provenance;
 use crate::error::{Code, Error, Result};
-use crate::formats::{Format, atomic, protected, sniff, transforms};
+use crate::formats::format::FileKind;
+use crate::formats::{atomic, protected, registry, transforms};
 use crate::scene::capture::{Capture, Frame};
 use serde_json::{Map, json};
 use std::path::{Path, PathBuf};
@@ -140,7 +141,8 @@ impl Sequence<'_> {
     /// Returns the density scales of an earlier capture; the capture of a scene does not tell those of its volumes.
     fn earlier_scales(&self) -> DensityScales {
         let is_scene = self.pattern.is_none()
-            && sniff(&self.pictures.input).is_ok_and(|format| matches!(format, Format::Capture | Format::Usd));
+            && registry::sniff(&self.pictures.input)
+                .is_ok_and(|format| matches!(format.kind, FileKind::Capture | FileKind::Usd));
         let earlier = self.earlier().filter(|_| !is_scene);
         earlier.map(|capture| DensityScales::one(capture.density_scale)).unwrap_or_default()
     }

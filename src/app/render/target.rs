@@ -7,6 +7,7 @@ use crate::app::pictures::SIZE;
 use crate::error::{Error, Result};
 use crate::formats::exr::{self, Attributes, Placement};
 use crate::formats::png::{self, ToneMapping};
+use crate::formats::registry::EXR;
 use crate::formats::transforms::FILE_NAME;
 use crate::scene::capture::Frame;
 use crate::scene::film::Film;
@@ -79,7 +80,7 @@ impl PictureSettings {
 impl RenderSettings {
     /// Returns the files of a picture: itself, and the PNG beside it if PNGs are asked for.
     pub(super) fn files_of(&self, picture: &Path) -> Vec<PathBuf> {
-        let beside = (self.png && is_exr(picture)).then(|| picture.with_extension("png"));
+        let beside = (self.png && EXR.has_name(picture)).then(|| picture.with_extension("png"));
         std::iter::once(picture.to_path_buf()).chain(beside).collect()
     }
 
@@ -90,7 +91,7 @@ impl RenderSettings {
 
     /// Returns how pictures become PNGs, if any do.
     pub(super) fn tone_mapping_used(&self) -> Option<ToneMapping> {
-        let file = matches!(Target::of(&self.output), Ok(Target::File(path)) if !is_exr(path));
+        let file = matches!(Target::of(&self.output), Ok(Target::File(path)) if !EXR.has_name(path));
         (self.png || file).then(|| self.tone_mapping())
     }
 
@@ -106,7 +107,7 @@ impl RenderSettings {
         attributes: &Attributes,
         whole: Option<[usize; 2]>,
     ) -> Result<()> {
-        if !is_exr(path) {
+        if !EXR.has_name(path) {
             return png::write_film(path, film, self.tone_mapping(), attributes);
         }
         match (whole, self.pictures.crop) {
@@ -117,9 +118,4 @@ impl RenderSettings {
             _ => exr::write_picture(path, film, attributes, false),
         }
     }
-}
-
-/// True for names of pictures in OpenEXR.
-fn is_exr(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"))
 }

@@ -12,9 +12,11 @@ use crate::app::failure::Failure;
 use crate::app::sequence::FrameSelection;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Kind, Result};
-use crate::formats::imaging::format as imaging;
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
-use crate::formats::{self, Format};
+use crate::formats::picture::{self, Options};
+use crate::formats::{exr, registry, usd};
+use crate::scene::color_space::ColorSpace;
 use crate::text::printable;
 use findings::Findings;
 use schemars::JsonSchema;
@@ -63,7 +65,7 @@ struct Checked {
     #[serde(skip)]
     sequence: usize,
     /// Format of the file; none if it could not be read.
-    format: Option<Format>,
+    format: Option<FileKind>,
     valid: bool,
     findings: Findings,
     /// Error that kept the file from being read.
@@ -157,20 +159,24 @@ impl ValidateSettings {
 
 /// Checks a file, and returns what it is compared by if it is a frame of a sequence.
 fn check(path: &Path, limits: Limits) -> Result<(Checked, Traits)> {
-    let format = formats::sniff(path)?;
+    let format = registry::sniff(path)?;
     let (mut findings, mut traits) = (Findings::default(), Traits::new());
-    match format {
-        Format::Vdb => traits = volume::check(path, limits, &mut findings)?,
-        Format::NanoVdb => traits = nano::check(path, limits, &mut findings)?,
-        Format::Exr => findings.extend(formats::exr::problems_within(path, limits)?),
-        Format::Capture => capture::check(path, limits, &mut findings)?,
-        Format::Usd => findings.extend(formats::usd::problems(path, limits)?),
+    match format.kind {
+        FileKind::Vdb => traits = volume::check(path, limits, &mut findings)?,
+        FileKind::NanoVdb => traits = nano::check(path, limits, &mut findings)?,
+        FileKind::Exr => findings.extend(exr::problems_within(path, limits)?),
+        FileKind::Capture => capture::check(path, limits, &mut findings)?,
+        FileKind::Usd => findings.extend(usd::problems(path, limits)?),
+        FileKind::Picture(_) => {
+            let options = Options { color_space: Some(ColorSpace::Srgb), limits, ..Options::default() };
+            picture::read(path, &options).map(drop).or_else(|error| findings.refusal(error))?;
+        }
         // A scan is nothing that is checked; what is of no kind at all may be a volume that was damaged.
-        Format::Unknown if imaging::sniff(path)?.is_some() => return Err(formats::unknown(path)),
-        Format::Unknown => findings.refusal(formats::unknown(path))?,
+        FileKind::Image(_) => return Err(registry::unread(format, path)),
+        FileKind::Unknown => findings.refusal(registry::unread(format, path))?,
     }
     let (path, valid) = (path.to_path_buf(), findings.valid());
-    Ok((Checked { path, frame: None, sequence: 0, format: Some(format), valid, findings, error: None }, traits))
+    Ok((Checked { path, frame: None, sequence: 0, format: Some(format.kind), valid, findings, error: None }, traits))
 }
 
 impl fmt::Display for ValidateReport {

@@ -7,8 +7,8 @@ use crate::app::Context;
 use crate::app::failure::Failure;
 use crate::app::sequence::{Present, Sequence, each};
 use crate::error::{Error, Result};
-use crate::formats::Format;
 use crate::formats::exr::{self, ExrSummary};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::text::{printable, ranges};
 use serde::Serialize;
@@ -45,7 +45,7 @@ impl ValidateSettings {
         let results = each(&numbers, "checking", full, context, |number, limits| {
             let path = sequence.path(number);
             let (checked, mut traits) = check(&path, limits)?;
-            if checked.format == Some(Format::Exr) {
+            if matches!(checked.format, Some(FileKind::Exr)) {
                 // Faults that keep a picture from being read are among its findings.
                 traits = of_picture(&path, limits).unwrap_or_default();
             }

@@ -4,8 +4,9 @@ use super::shown::{Capture as ShownCapture, Content};
 use super::{ViewSettings, exposure, name_of};
 use crate::error::{Error, Result};
 use crate::formats::captures;
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
-use crate::formats::picture::{self, Kind, Options};
+use crate::formats::picture::{self, Options};
 use crate::formats::png::ToneMapping;
 use crate::report::sheet::{Canvas, Sheet, Stand, Tile, fitted, plan};
 use crate::scene::camera::{Camera, Projection};
@@ -84,11 +85,15 @@ struct Thumbnail {
 }
 
 fn thumbnail(capture: &Capture, frame: &Frame, side: usize, limits: Limits) -> Result<Thumbnail> {
-    let kind = picture::kind(&frame.picture)?;
+    let format = picture::format(&frame.picture)?;
     let color_space = capture.color_space.or(Some(ColorSpace::Srgb));
     let options = Options { color_space, background: capture.background, limits, ..Options::default() };
     let film = picture::read(&frame.picture, &options)?.film;
-    Ok(Thumbnail { white: exposure::white_of(&film), linear: kind == Kind::Exr, film: fitted(&film, side) })
+    Ok(Thumbnail {
+        white: exposure::white_of(&film),
+        linear: matches!(format.kind, FileKind::Exr),
+        film: fitted(&film, side),
+    })
 }
 
 fn lines(capture: &Capture, shown: usize, exposure: f64) -> Vec<String> {

@@ -62,16 +62,16 @@ pub(super) fn sheet(view: &ViewSettings, path: &Path) -> Result<(Sheet, Content)
     Ok(arranged(view, path, planes, resolution, lines))
 }
 
-/// Draws the sheet of a PNG or JPEG.
+/// Draws the sheet of a picture of integer samples; `format` is the name of its format.
 ///
 /// # Errors
 /// If the file cannot be read.
-pub(super) fn plain(view: &ViewSettings, path: &Path) -> Result<(Sheet, Content)> {
+pub(super) fn plain(view: &ViewSettings, path: &Path, format: &str) -> Result<(Sheet, Content)> {
     let header = picture::header(path)?;
     let color_space = header.color_space.or(Some(ColorSpace::Srgb));
     let film = picture::read(path, &Options { color_space, limits: view.limits, ..Options::default() })?.film;
     let bits = header.bits.map_or(String::new(), |bits| format!(", {bits} bits"));
-    let lines = vec![format!("{} x {} pixels, {}{bits}", film.width, film.height, header.kind.name())];
+    let lines = vec![format!("{} x {} pixels, {format}{bits}", film.width, film.height)];
     let resolution = [film.width, film.height];
     // It is shown as it is, unless an exposure is asked for.
     let plane =

@@ -15,20 +15,21 @@ pub use shown::ViewReport;
 use crate::app::Context;
 use crate::app::failure::Failure;
 use crate::app::inputs;
-use crate::app::outputs::{self, Content as Kind};
+use crate::app::outputs::{self, Content as Output};
 use crate::app::pictures::DensityScale;
 use crate::app::sequence::FrameSelection;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::{self, UpChoice};
 use crate::app::use_case::{Report, Status, use_case};
-use crate::error::{Error, Kind as ErrorKind, Result};
+use crate::error::{Error, Kind, Result};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::sequence::{Frames, Pattern};
 use crate::formats::vdb::File;
-use crate::formats::{self, Format, captures, picture, png, protected};
+use crate::formats::{captures, png, protected, registry};
 use crate::report::sheet::{Canvas, Sheet};
 use crate::scene::up::Up;
-use crate::text::shell_quoted;
+use crate::text::{listed, shell_quoted};
 use serde::{Deserialize, Serialize};
 use shown::{Content, FileSheet, NotShown};
 use std::collections::BTreeSet;
@@ -85,9 +86,6 @@ impl Default for ViewSettings {
     }
 }
 
-/// Extensions of the files that a folder's sequence consists of.
-const ENDINGS: [&str; 3] = ["vdb", "nvdb", "exr"];
-
 use_case!(ViewSettings => ViewReport, limits);
 
 impl Report for ViewReport {
@@ -125,7 +123,7 @@ impl ViewSettings {
             };
             let (sheet, content) = match drawn {
                 Ok(drawn) => drawn,
-                Err(e) if self.files.len() == 1 || e.kind() == ErrorKind::Cancelled => return Err(e),
+                Err(e) if self.files.len() == 1 || e.kind() == Kind::Cancelled => return Err(e),
                 Err(e) => {
                     failed.push(NotShown { input: file.clone(), error: Failure::new(&e.at(file), context) });
                     continue;
@@ -158,13 +156,14 @@ impl ViewSettings {
                 .at(path)
                 .hint("leave ⟨frames⟩ out, or name a sequence such as smoke.####.vdb"));
         }
-        match formats::sniff(path)? {
-            Format::Vdb | Format::NanoVdb => volume::sheet(self, path, context),
-            Format::Exr => layers::sheet(self, path),
-            Format::Capture => capture::sheet(self, path),
-            Format::Unknown if picture::kind(path).is_ok() => layers::plain(self, path),
-            Format::Unknown => Err(formats::unknown(path)),
-            other => Err(Error::unsupported(format!("{} has no sheet", other.name())).at(path).hint(format!(
+        let format = registry::sniff(path)?;
+        match format.kind {
+            FileKind::Vdb | FileKind::NanoVdb => volume::sheet(self, path, context),
+            FileKind::Exr => layers::sheet(self, path),
+            FileKind::Picture(_) => layers::plain(self, path, format.name),
+            FileKind::Capture => capture::sheet(self, path),
+            FileKind::Image(_) | FileKind::Unknown => Err(registry::unread(format, path)),
+            FileKind::Usd => Err(Error::unsupported(format!("{} has no sheet", format.phrase)).at(path).hint(format!(
                 "render a picture of it: cumulo render {} ⟨views=1⟩ ⟨size=512x512⟩ -o picture.png",
                 shell_quoted(&path.to_string_lossy())
             ))),
@@ -180,11 +179,14 @@ impl ViewSettings {
         if path.is_dir() && captures::file(path).exists() {
             return Ok(None);
         }
-        let found = FrameSelection::default().sequence(path, &ENDINGS)?;
+        let endings = registry::frame_endings(sequence::shows);
+        let found = FrameSelection::default().sequence(path, &endings)?;
         if found.is_none() && path.is_dir() {
-            return Err(Error::invalid("the folder holds neither a capture nor a sequence")
-                .at(path)
-                .hint("a sequence is two numbered files or more, .vdb or .exr; of other files give the names"));
+            let endings: Vec<String> = endings.iter().map(|ending| format!(".{ending}")).collect();
+            return Err(Error::invalid("the folder holds neither a capture nor a sequence").at(path).hint(format!(
+                "a sequence is two numbered files or more, {}; of other files give the names",
+                listed(&endings, "or")
+            )));
         }
         Ok(found.map(|sequence| sequence.pattern))
     }
@@ -193,7 +195,7 @@ impl ViewSettings {
     fn outputs(&self, path: &Path) -> Result<Vec<PathBuf>> {
         let paths = match &self.files[..] {
             [_] if !path.is_dir() => {
-                outputs::file(path, Kind::Png)?;
+                outputs::file(path, Output::Png)?;
                 vec![path.to_path_buf()]
             }
             files => {

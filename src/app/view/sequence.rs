@@ -7,10 +7,11 @@ use super::{ViewSettings, camera, exposure, name_of, volume};
 use crate::app::Context;
 use crate::app::failed::Failed;
 use crate::error::{Error, Result};
+use crate::formats::format::FileKind;
 use crate::formats::png::ToneMapping;
 use crate::formats::sequence::Pattern;
 use crate::formats::vdb::File;
-use crate::formats::{self, Format, exr};
+use crate::formats::{exr, registry};
 use crate::math::Aabb;
 use crate::report::sheet::{Canvas, Sheet, Tile, fitted};
 use crate::report::short;
@@ -55,8 +56,8 @@ pub(super) fn sheet(
     };
     let mut axis = None;
     let mut density_scale = None;
-    let (films, exposure) = match format(pattern, &numbers)? {
-        Format::Exr => pictures(view, pattern, &mut numbers, &mut failed)?,
+    let (films, exposure) = match kind(pattern, &numbers)? {
+        FileKind::Exr => pictures(view, pattern, &mut numbers, &mut failed)?,
         _ => {
             let file = |number: &u32| File::open(pattern.path(*number), view.limits).ok();
             let up = numbers.iter().find_map(file).map(|file| view.up_of(&file)).unwrap_or_default();
@@ -95,16 +96,20 @@ fn missing(pattern: &Pattern, number: u32) -> Option<Failed> {
     std::fs::metadata(&path).err().map(|error| Failed::new(number, &Error::io(&path, error)))
 }
 
-/// Returns the format of the frames: that of the first one that can be shown.
-fn format(pattern: &Pattern, numbers: &[u32]) -> Result<Format> {
+/// True for the kinds of files whose sequences have sheets.
+pub(super) fn shows(kind: FileKind) -> bool {
+    matches!(kind, FileKind::Vdb | FileKind::NanoVdb | FileKind::Exr)
+}
+
+/// Returns the kind of the frames: that of the first one that can be shown.
+fn kind(pattern: &Pattern, numbers: &[u32]) -> Result<FileKind> {
     let Some(first) = numbers.first() else {
         return Err(Error::invalid("none of the frames is there")
             .at(pattern.name())
             .hint("check the numbers, or leave ⟨frames⟩ out to show those that are there"));
     };
-    let known = |format: &Format| matches!(format, Format::Vdb | Format::NanoVdb | Format::Exr);
-    let found = numbers.iter().find_map(|number| formats::sniff(&pattern.path(*number)).ok().filter(known));
-    found.ok_or_else(|| {
+    let kinds = numbers.iter().filter_map(|number| Some(registry::sniff(&pattern.path(*number)).ok()?.kind));
+    kinds.into_iter().find(|kind| shows(*kind)).ok_or_else(|| {
         Error::unsupported("sequences of volumes (VDB) and of pictures (OpenEXR) can be shown")
             .at(pattern.path(*first))
             .hint("view a single file, or convert the frames")

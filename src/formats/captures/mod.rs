@@ -9,10 +9,11 @@ pub(crate) use summary::CaptureSummary;
 pub use summary::{summary, summary_within};
 
 use crate::error::{Error, Result};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::usd::{Stage, Views};
 use crate::formats::views::{LensAndMask, StatedCapture};
-use crate::formats::{Format, colmap, sniff, transforms};
+use crate::formats::{colmap, registry, transforms};
 use crate::scene::capture::Capture;
 use std::path::{Path, PathBuf};
 
@@ -66,7 +67,7 @@ pub fn load_within(path: &Path, limits: Limits) -> Result<Capture> {
 /// If the file cannot be read or used, or its values do not fit into `limits`.
 pub fn stated_within(path: &Path, limits: Limits) -> Result<StatedCapture> {
     let place = file(path);
-    if sniff(&place).is_ok_and(|format| format == Format::Usd) {
+    if registry::sniff(&place).is_ok_and(|format| matches!(format.kind, FileKind::Usd)) {
         let capture = Stage::open(&place, limits)?.capture(&Views::default())?;
         let optics = vec![LensAndMask::default(); capture.frames.len()];
         return Ok(StatedCapture { capture, optics });

@@ -80,8 +80,8 @@ pub fn summary_within(path: &Path, limits: Limits) -> Result<CaptureSummary> {
     let transfer = emits && capture.transfer.is_some();
     let own = emits && !transfer;
     let mut formats = BTreeMap::new();
-    for kind in capture.frames.iter().filter_map(|frame| picture::kind(&frame.picture).ok()) {
-        *formats.entry(kind.name()).or_default() += 1;
+    for format in capture.frames.iter().filter_map(|frame| picture::format(&frame.picture).ok()) {
+        *formats.entry(format.name).or_default() += 1;
     }
     Ok(CaptureSummary {
         distorted: optics.iter().filter(|o| o.lens != Lens::Pinhole).count(),

@@ -31,6 +31,25 @@ pub struct RawLayout {
     pub skip: u64,
 }
 
+/// An option, or several that belong together, which the readers of some formats alone heed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ReadOption {
+    /// Places of the voxels: the files do not state them, or not always.
+    Placement,
+    /// One of several points in time.
+    Time,
+    /// One of several channels.
+    Channel,
+    /// One of several resolutions.
+    Level,
+    /// One of several series.
+    Series,
+    /// One of several named arrays.
+    Array,
+    /// Order of the axes.
+    Axes,
+}
+
 /// Options of the readers of images.
 #[derive(Debug, Clone, Default)]
 pub struct Options {

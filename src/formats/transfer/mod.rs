@@ -36,8 +36,9 @@ pub(crate) use rescale::range;
 pub(crate) use summary::TransferSummary;
 
 use crate::error::{Error, Result};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
-use crate::formats::{Format, input, sniff};
+use crate::formats::{input, registry};
 use crate::scene::transfer::Transfer;
 use serde::Serialize;
 use std::path::Path;
@@ -102,9 +103,10 @@ pub fn load(path: &Path, options: &Options) -> Result<Loaded> {
         let loaded = builtin::load(name, options).unwrap_or_else(|| Err(unnamed(path, name)));
         return loaded.and_then(|loaded| in_range(loaded, options)).map_err(|e| e.at(path));
     }
-    let loaded = match sniff(path)? {
-        Format::Vdb | Format::NanoVdb => carried::load(path, options),
-        Format::Exr => Err(unknown("an OpenEXR picture")),
+    let format = registry::sniff(path)?;
+    let loaded = match format.kind {
+        FileKind::Vdb | FileKind::NanoVdb => carried::load(path, options),
+        FileKind::Exr | FileKind::Picture(_) | FileKind::Image(_) => Err(unknown(format.phrase)),
         _ if path.is_dir() => Err(unknown("a folder")),
         _ => input::bytes(path, MAX_BYTES, "a transfer function").and_then(|bytes| parse(&bytes, options)),
     };

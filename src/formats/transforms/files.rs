@@ -2,11 +2,10 @@
 
 use super::keys::{missing, short};
 use crate::error::{Error, Result};
+use crate::formats::format::FileKind;
+use crate::formats::registry;
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
-
-/// Suffixes that are tried for names without one, in this order.
-const SUFFIXES: [&str; 4] = ["exr", "png", "jpg", "jpeg"];
 
 /// Returns the path of a frame's picture, from its `file_path`.
 ///
@@ -50,7 +49,11 @@ fn resolved(name: &str, folder: &Path) -> PathBuf {
         }
         let candidates: Vec<PathBuf> = match &suffix {
             Some(suffix) => cases(suffix).map(|suffix| path.with_extension(suffix)).to_vec(),
-            None => SUFFIXES.into_iter().flat_map(cases).map(|s| folder.join(format!("{name}.{s}"))).collect(),
+            None => registry::endings(FileKind::is_picture)
+                .into_iter()
+                .flat_map(cases)
+                .map(|s| folder.join(format!("{name}.{s}")))
+                .collect(),
         };
         let expected = if suffix.is_some() { path } else { folder.join(format!("{name}.exr")) };
         (expected, candidates.into_iter().find(|path| path.is_file()))

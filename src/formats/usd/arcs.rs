@@ -6,7 +6,8 @@ use super::fault::Fault;
 use super::resolver::{OpenedLayers, is_layer, is_stage_name};
 use super::targets::Absent;
 use crate::error::Error;
-use crate::formats::{Format, input, sniff};
+use crate::formats::format::FileKind;
+use crate::formats::{input, registry};
 use openusd::ar;
 use openusd::pcp;
 use openusd::sdf;
@@ -154,14 +155,17 @@ pub(super) const LAYER: &str = "correct the layer that states it, or write it ag
 
 /// Says what a file is that an arc takes for a layer and whose name is none of a layer.
 fn other_kind(file: &Path, fault: &dyn Fn(&dyn Display, &str) -> Fault) -> Fault {
-    match sniff(file) {
-        Ok(Format::Usd) => fault(&format!("has no layer's name: {ENDINGS}"), "rename it, and correct the path"),
-        Ok(Format::Vdb) => fault(
+    let format = match registry::sniff(file) {
+        Ok(format) => format,
+        Err(error) => return fault(&format!("cannot be read: {}", cause(&error)), &remedy(&error)),
+    };
+    match format.kind {
+        FileKind::Usd => fault(&format!("has no layer's name: {ENDINGS}"), "rename it, and correct the path"),
+        FileKind::Vdb => fault(
             &"is an OpenVDB file, not a USD layer",
             "name it as the filePath of an OpenVDBAsset; `cumulo usd author` writes a stage of a VDB",
         ),
-        Ok(format) => fault(&format!("is {}, not a USD layer: {ENDINGS}", format.name()), EXPORT),
-        Err(error) => fault(&format!("cannot be read: {}", cause(&error)), &remedy(&error)),
+        _ => fault(&format!("is {}, not a USD layer: {ENDINGS}", format.phrase), EXPORT),
     }
 }
 

@@ -50,7 +50,6 @@ pub use medium::{Overrides, ScatteringOverride};
 pub use metadata::UpAxis;
 pub(crate) use prim::Prim;
 pub(crate) use problems::problems;
-pub(crate) use resolver::is_stage_name;
 pub use stage::Stage;
 pub(crate) use summary::{StageSummary, summary};
 pub(crate) use value::Asset;

@@ -149,7 +149,7 @@ fn is_package(path: &Path) -> bool {
 }
 
 /// True if the name of a file ends as those of stages do.
-pub(crate) fn is_stage_name(path: &Path) -> bool {
+pub(super) fn is_stage_name(path: &Path) -> bool {
     is_layer(path) || is_package(path)
 }
 

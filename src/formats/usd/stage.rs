@@ -8,8 +8,9 @@ use super::unpacked::Unpacked;
 use super::value::Asset;
 use super::{read, xform};
 use crate::error::{Error, Result};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
-use crate::formats::{Format, input, sniff};
+use crate::formats::{input, registry};
 use glam::DMat4;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -45,9 +46,9 @@ impl Stage {
     /// If the root layer cannot be read or parsed, or the stage has no prim at all, more than a million, or references
     /// that multiply them. The error names the file, and the line or the prim where it is known.
     pub fn open(path: &Path, limits: Limits) -> Result<Self> {
-        let format = sniff(path)?;
-        if !matches!(format, Format::Usd | Format::Unknown) {
-            return Err(Error::unsupported(format!("a USD stage is expected, and this is {}", format.name()))
+        let format = registry::sniff(path)?;
+        if !matches!(format.kind, FileKind::Usd | FileKind::Unknown) {
+            return Err(Error::unsupported(format!("a USD stage is expected, and this is {}", format.phrase))
                 .at(path)
                 .hint("give a .usda, .usdc, .usd or .usdz; `cumulo usd author` writes a stage of a VDB"));
         }

@@ -3,10 +3,11 @@
 use super::AuthorSettings;
 use crate::app::pictures::scattering::Sky;
 use crate::error::{Error, Result};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
+use crate::formats::registry;
 use crate::formats::scene_file::{self, LightEntry, MediumEntry, SceneFile, VelocityEntry, VolumeEntry};
 use crate::formats::transfer;
-use crate::formats::{self, Format};
 use crate::math::Affine;
 use crate::scene::light::Light;
 use crate::scene::transfer::Transfer;
@@ -42,7 +43,7 @@ impl AuthorSettings {
     /// # Errors
     /// If the scene file or a transfer function cannot be read, or a medium or light cannot be used.
     pub(super) fn content(&self) -> Result<Content> {
-        let is_scene = self.input.is_file() && formats::sniff(&self.input)? == Format::Capture;
+        let is_scene = self.input.is_file() && matches!(registry::sniff(&self.input)?.kind, FileKind::Capture);
         let content = if is_scene { self.of_scene_file()? } else { self.of_settings()? };
         for source in &content.volumes {
             check_medium(source, self.limits)?;

@@ -27,6 +27,9 @@ use crate::formats::limits::Limits;
 use pixels::Planes;
 use std::path::Path;
 
+/// Extensions of the files of a series; most have none.
+pub(crate) const ENDINGS: &[&str] = &["dcm", "dicom", "dic", "ima"];
+
 /// True if a file begins as DICOM files do: `DICM` behind a preamble of 128 bytes.
 pub(crate) fn is_dicom(start: &[u8]) -> bool {
     start.get(128..132) == Some(b"DICM")

@@ -187,7 +187,7 @@ fn is_named_as_slice(path: &Path, files: &[File]) -> bool {
     let name = file_name(path);
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
     let alike = || files.iter().any(|file| unnumbered(&file_name(&file.path)) == unnumbered(&name));
-    !name.starts_with('.') && (["dcm", "dicom", "dic", "ima"].iter().any(|e| ending == *e) || alike())
+    !name.starts_with('.') && (super::ENDINGS.iter().any(|e| ending == *e) || alike())
 }
 
 /// Name with one character for every number in it.

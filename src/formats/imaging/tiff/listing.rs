@@ -24,8 +24,8 @@ pub(crate) fn is_stack(path: &Path) -> bool {
 }
 
 fn is_tiff_name(name: &str) -> bool {
-    let lower = name.to_ascii_lowercase();
-    lower.ends_with(".tif") || lower.ends_with(".tiff")
+    let ending = name.rsplit_once('.').map(|(_, ending)| ending);
+    ending.is_some_and(|ending| super::ENDINGS.iter().any(|known| known.eq_ignore_ascii_case(ending)))
 }
 
 /// Lists the files of a stack in natural order, in which `slice9.tif` comes before `slice10.tif`; at least one.

@@ -23,6 +23,9 @@ use std::path::{Path, PathBuf};
 /// Largest number of channels.
 const MOST_CHANNELS: usize = 64;
 
+/// Extensions of the files of a stack.
+pub(crate) const ENDINGS: &[&str] = &["tif", "tiff"];
+
 /// Says whether a file begins as TIFFs do, those of 64 bits included.
 pub(crate) fn is_tiff(start: &[u8]) -> bool {
     [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| start.starts_with(*magic))

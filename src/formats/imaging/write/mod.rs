@@ -1,84 +1,43 @@
 //! Files of regular grids, each written whole or not at all, slice by slice.
 
-mod meta_image;
-mod nifti;
-mod npy;
-mod nrrd;
-mod vti;
+pub(crate) mod meta_image;
+pub(crate) mod nifti;
+pub(crate) mod npy;
+pub(crate) mod nrrd;
+pub(crate) mod vti;
 
 use super::options::Axes;
 use super::source::Source;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Draft;
-use std::ffi::OsStr;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// A format that can be written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Target {
-    /// NIfTI-1, or NIfTI-2 where an axis has more than 32767 voxels.
-    Nifti,
-    /// NIfTI packed by gzip.
-    NiftiGz,
-    /// NRRD with packed values.
-    Nrrd,
-    /// Array of NumPy.
-    Npy,
-    /// MetaImage with its values.
-    MetaImage,
-    /// Header of MetaImage, with its values in a file of the same name that ends in `.raw`.
-    MetaHeader,
-    /// VTK's image data in XML.
-    Vti,
+/// A form in which files are written: a format, by the ending of a name.
+#[derive(Debug)]
+pub struct Target {
+    /// Ending of the names of such files, without the dot.
+    pub ending: &'static str,
+    /// Writes a grid, by its name and with the axes of an array, and returns what the format could not hold.
+    pub(crate) file: fn(&Path, &Source, &str, Axes) -> Result<Vec<String>>,
+    /// Extension of another file that is written beside it.
+    pub(crate) beside: Option<&'static str>,
 }
 
 impl Target {
-    /// All formats.
-    pub const ALL: [Self; 7] =
-        [Self::Nifti, Self::NiftiGz, Self::Nrrd, Self::Npy, Self::MetaImage, Self::MetaHeader, Self::Vti];
-
-    /// Format that the ending of a path asks for.
-    pub fn of(path: &Path) -> Option<Self> {
-        let name = path.file_name().and_then(OsStr::to_str)?.to_ascii_lowercase();
-        Self::ALL.into_iter().find(|t| name.ends_with(&format!(".{}", t.ending())))
+    /// Other file that is written with one of this path.
+    pub(crate) fn companion(&self, path: &Path) -> Option<PathBuf> {
+        self.beside.map(|extension| path.with_extension(extension))
     }
 
-    /// Ending of the names of such files, without the dot.
-    pub fn ending(self) -> &'static str {
-        match self {
-            Self::Nifti => "nii",
-            Self::NiftiGz => "nii.gz",
-            Self::Nrrd => "nrrd",
-            Self::Npy => "npy",
-            Self::MetaImage => "mha",
-            Self::MetaHeader => "mhd",
-            Self::Vti => "vti",
-        }
+    /// Writes a grid, and returns what the format could not hold, one sentence each.
+    ///
+    /// # Errors
+    /// If the format cannot hold the grid's placement or size, or the operating system reports an error. Nothing is
+    /// left behind.
+    pub fn write(&self, path: &Path, source: &Source, name: &str, axes: Axes) -> Result<Vec<String>> {
+        (self.file)(path, source, name, axes).map_err(|e| e.at(path))
     }
-
-    /// Other files that are written with one of this path.
-    pub(crate) fn companion(self, path: &Path) -> Option<PathBuf> {
-        (self == Self::MetaHeader).then(|| path.with_extension("raw"))
-    }
-}
-
-/// Writes a grid, and returns what the format could not hold, one sentence each.
-///
-/// # Errors
-/// If the format cannot hold the grid's placement or size, or the operating system reports an error. Nothing is left
-/// behind.
-pub fn write(path: &Path, target: Target, source: &Source, name: &str, axes: Axes) -> Result<Vec<String>> {
-    match target {
-        Target::Nifti => nifti::write(path, source, false),
-        Target::NiftiGz => nifti::write(path, source, true),
-        Target::Nrrd => nrrd::write(path, source),
-        Target::Npy => npy::write(path, source, axes),
-        Target::MetaImage => meta_image::write(path, source),
-        Target::MetaHeader => meta_image::write_apart(path, source),
-        Target::Vti => vti::write(path, source, name),
-    }
-    .map_err(|e| e.at(path))
 }
 
 /// Writes all values, x fastest, the components of a voxel together.
@@ -152,14 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn endings_name_formats() {
-        assert_eq!(Target::of(Path::new("a/b.NII.gz")), Some(Target::NiftiGz));
-        assert_eq!(Target::of(Path::new("b.nii")), Some(Target::Nifti));
-        assert_eq!(
-            Target::of(Path::new("b.mhd")).and_then(|t| t.companion(Path::new("x/b.mhd"))),
-            Some("x/b.raw".into())
-        );
-        assert_eq!(Target::of(Path::new("b.gz")), None);
+    fn numbers_read_back() {
         assert_eq!(numbers([1.0, -0.0, 1e-300, 0.1]), "1.0 0.0 1e-300 0.1");
     }
 }

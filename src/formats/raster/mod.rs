@@ -1,16 +1,14 @@
-//! Pictures of captures: OpenEXR, and PNG and JPEG with a stated color space. All become scene-linear and
-//! premultiplied.
+//! Pictures of one layer of integer samples: PNG and JPEG. They become scene-linear and premultiplied.
 
-mod jpeg;
-mod png;
+pub(crate) mod jpeg;
+pub(crate) mod png;
 
 use crate::error::{Code, Error, Result};
+use crate::formats::exr::Attributes;
 use crate::formats::limits::Limits;
-use crate::formats::reading::Reading;
-use crate::formats::{exr, input};
+use crate::formats::png::ToneMapping;
 use crate::scene::color_space::ColorSpace;
 use crate::scene::film::Film;
-use std::io::Read;
 use std::path::Path;
 
 /// Largest number of pixels of a picture (11585²), as for OpenEXR.
@@ -20,34 +18,23 @@ const STATE: &str = "add \"color_space\": \"sRGB\" to the capture (or \"linear\"
     encoded so, or give ⟨capture.convert.color_space⟩; of photographs and videos ⟨capture.convert.photographs⟩ \
     finds model and background, too; scene-linear EXRs need no such key";
 
-/// Format of a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// OpenEXR: scene-linear floating-point samples.
-    Exr,
-    /// PNG: integer samples with straight alpha.
-    Png,
-    /// JPEG: samples of 8 bits without alpha.
-    Jpeg,
-}
+/// Writes a film for display, with attributes as texts.
+pub(crate) type WritePicture = fn(&Path, &Film, ToneMapping, &Attributes) -> Result<()>;
 
-impl Kind {
-    /// Returns the name of the format.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Exr => "OpenEXR",
-            Self::Png => "PNG",
-            Self::Jpeg => "JPEG",
-        }
-    }
+/// How pictures of a format are read and written.
+#[derive(Debug)]
+pub struct PictureFormat {
+    /// Reads the header.
+    pub header: fn(&Path) -> Result<Header>,
+    /// Reads the picture.
+    pub read: fn(&Path, &Options) -> Result<Film>,
+    /// Writes a picture; none if such pictures are only read.
+    pub(crate) write: Option<WritePicture>,
 }
 
 /// Size and encoding of a picture, from its header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
-    /// Format.
-    pub kind: Kind,
     /// Width and height in pixels.
     pub size: [usize; 2],
     /// Bits of integer samples; `None` for OpenEXR.
@@ -74,77 +61,6 @@ impl Default for Options<'_> {
     fn default() -> Self {
         Self { layer: None, color_space: None, background: [0.0; 3], limits: Limits::default() }
     }
-}
-
-/// A picture that was read.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Picture {
-    /// Scene-linear, premultiplied pixels.
-    pub film: Film,
-    /// Number of NaN and infinite samples, which only OpenEXR can hold.
-    pub non_finite: usize,
-}
-
-/// Detects the format of a picture by its first bytes.
-///
-/// # Errors
-/// If the file cannot be read, or is none of the formats.
-pub fn kind(path: &Path) -> Result<Kind> {
-    let mut start = Vec::with_capacity(8);
-    input::open(path)?.take(8).read_to_end(&mut start).map_err(|e| Error::io(path, e))?;
-    match start[..] {
-        [0x76, 0x2f, 0x31, 0x01, ..] => Ok(Kind::Exr),
-        [0x89, b'P', b'N', b'G', ..] => Ok(Kind::Png),
-        [0xff, 0xd8, 0xff, ..] => Ok(Kind::Jpeg),
-        _ => Err(Error::unsupported("the picture is neither OpenEXR nor PNG nor JPEG")
-            .hint("write it as a scene-linear EXR; the first bytes of the file tell its format, not its name")
-            .at(path)),
-    }
-}
-
-/// Reads the header of a picture.
-///
-/// # Errors
-/// If [`kind`] fails, or the header is damaged or states a size that cannot be used.
-pub fn header(path: &Path) -> Result<Header> {
-    let kind = kind(path)?;
-    match kind {
-        Kind::Exr => {
-            let size = exr::header(path)?.display_window.size;
-            Ok(Header { kind, size, bits: None, color_space: None })
-        }
-        Kind::Png => png::header(path).map_err(|e| e.at(path)),
-        Kind::Jpeg => jpeg::header(path).map_err(|e| e.at(path)),
-    }
-}
-
-/// Reads a picture. OpenEXR samples are taken as they are. Integer samples are decoded by their color space; straight
-/// alpha is premultiplied, and the color composited over the background, so that pixels hold the radiance that arrives,
-/// as in EXRs; alpha stays.
-///
-/// # Errors
-/// If the picture cannot be read, does not fit into the limits, or has integer samples whose color space is not known,
-/// or a layer is chosen of a picture that has none.
-pub fn read(path: &Path, options: &Options) -> Result<Picture> {
-    let _reading = Reading::begin(path);
-    let decode = match kind(path)? {
-        Kind::Exr => {
-            let exr::Picture { film, non_finite, .. } = exr::picture_within(path, options.layer, options.limits)?;
-            return Ok(Picture { film, non_finite });
-        }
-        Kind::Png => png::decode,
-        Kind::Jpeg => jpeg::decode,
-    };
-    let decoded = || {
-        if let Some(layer) = options.layer {
-            return Err(Error::invalid(format!("layer '{layer}' of a picture that has no layers"))
-                .coded(Code::NoSuchLayer)
-                .hint("only OpenEXR pictures have layers: leave ⟨layer⟩ out"));
-        }
-        decode(path, options)
-    };
-    let film = decoded().map_err(|e| e.at(path))?;
-    Ok(Picture { film, non_finite: 0 })
 }
 
 /// Integer samples of a picture, row by row from the top left.
@@ -219,7 +135,7 @@ mod tests {
     use super::*;
 
     fn samples(bytes: &[u8], channels: usize, depth: u8, size: [usize; 2]) -> Samples<'_> {
-        let header = Header { kind: Kind::Png, size, bits: Some(depth), color_space: None };
+        let header = Header { size, bits: Some(depth), color_space: None };
         Samples { header, channels, bytes, depth }
     }
 

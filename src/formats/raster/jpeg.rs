@@ -1,6 +1,6 @@
 //! Reading of JPEG pictures with the `zune-jpeg` crate.
 
-use super::{Header, Kind, Options, Samples, check_size, color_space, film};
+use super::{Header, Options, Samples, check_size, color_space, film};
 use crate::error::{Error, Result};
 use crate::formats::input;
 use crate::scene::film::Film;
@@ -17,13 +17,13 @@ const MAX_BYTES: u64 = 4 * super::MAX_PIXELS;
 const HELD: u64 = 3 + 3 * 2;
 
 /// Reads the header of a picture.
-pub(super) fn header(path: &Path) -> Result<Header> {
+pub(crate) fn header(path: &Path) -> Result<Header> {
     let bytes = input::bytes(path, MAX_BYTES, "a JPEG")?;
     Ok(open(&bytes)?.1)
 }
 
 /// Reads a picture as a film.
-pub(super) fn decode(path: &Path, options: &Options) -> Result<Film> {
+pub(crate) fn read(path: &Path, options: &Options) -> Result<Film> {
     let bytes = input::bytes(path, MAX_BYTES.min(options.limits.max_memory), "a JPEG")?;
     let (mut decoder, header) = open(&bytes)?;
     color_space(&header, options)?;
@@ -48,7 +48,7 @@ fn open(bytes: &[u8]) -> Result<(JpegDecoder<ZCursor<&[u8]>>, Header)> {
         );
     }
     let (width, height) = decoder.dimensions().ok_or_else(|| Error::invalid("a JPEG without a size"))?;
-    Ok((decoder, Header { kind: Kind::Jpeg, size: [width, height], bits: Some(8), color_space: None }))
+    Ok((decoder, Header { size: [width, height], bits: Some(8), color_space: None }))
 }
 
 fn fault(error: DecodeErrors) -> Error {

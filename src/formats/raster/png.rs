@@ -1,6 +1,6 @@
 //! Reading of PNG pictures with the `png` crate.
 
-use super::{Header, Kind, Options, Samples, check_size, color_space, film};
+use super::{Header, Options, Samples, check_size, color_space, film};
 use crate::error::{Error, Result};
 use crate::formats::input;
 use crate::formats::limits::Limits;
@@ -15,12 +15,12 @@ use std::path::Path;
 const CHUNKS: usize = 1 << 26;
 
 /// Reads the header of a picture.
-pub(super) fn header(path: &Path) -> Result<Header> {
+pub(crate) fn header(path: &Path) -> Result<Header> {
     Ok(of(&open(path)?))
 }
 
 /// Reads a picture as a film; palettes and fewer than 8 bits are expanded.
-pub(super) fn decode(path: &Path, options: &Options) -> Result<Film> {
+pub(crate) fn read(path: &Path, options: &Options) -> Result<Film> {
     let mut reader = open(path)?;
     let header = of(&reader);
     color_space(&header, options)?;
@@ -50,7 +50,6 @@ fn of(reader: &Reader<BufReader<File>>) -> Header {
         (_, depth) => depth as u8,
     };
     Header {
-        kind: Kind::Png,
         size: [info.width as usize, info.height as usize],
         bits: Some(bits),
         color_space: info.srgb.map(|_| ColorSpace::Srgb),
