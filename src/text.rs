@@ -116,7 +116,7 @@ pub fn ranges(numbers: impl IntoIterator<Item = u32>) -> String {
 }
 
 /// Lists words as a sentence does: `a, b and c` with `and` before the last.
-pub(crate) fn listed<W: AsRef<str>>(words: &[W], before_last: &str) -> String {
+pub fn listed<W: AsRef<str>>(words: &[W], before_last: &str) -> String {
     let joined = |words: &[W]| words.iter().map(AsRef::as_ref).collect::<Vec<_>>().join(", ");
     match words {
         [first @ .., last] if !first.is_empty() => format!("{} {before_last} {}", joined(first), last.as_ref()),
