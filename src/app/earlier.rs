@@ -5,7 +5,7 @@ use super::provenance::{INPUTS, Provenance, RESUMABLE, SETTINGS};
 use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::File;
-use crate::formats::{exr, png, protected, transforms};
+use crate::formats::{exr, input, png, protected, transforms};
 use crate::scene::grid::MetaValue;
 use std::path::{Path, PathBuf};
 
@@ -22,6 +22,9 @@ pub(crate) enum Standing {
     Damaged,
 }
 
+/// Largest stage in bytes that is looked at for the settings that made it.
+const MOST_BYTES: u64 = 1 << 28;
+
 impl Standing {
     /// Judges a capture's JSON.
     pub(crate) fn of_capture(json: &Path, own: &Provenance) -> Self {
@@ -30,6 +33,25 @@ impl Standing {
             Some(earlier) if own.same_settings(&earlier.settings) => Self::Own,
             _ => Self::Other,
         }
+    }
+
+    /// Judges a USD stage as text.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub(crate) fn of_stage(stage: &Path, own: &Provenance) -> Result<Self> {
+        if !stage.exists() {
+            return Ok(Self::Nothing);
+        }
+        let read = || input::bytes(stage, MOST_BYTES, "a stage of this command");
+        let bytes = protected::unprotected(stage, read)?;
+        let text = String::from_utf8_lossy(&bytes);
+        let stated = text.lines().find_map(|line| line.trim().strip_prefix("string \"settings\" = "));
+        Ok(if stated.is_some_and(|stated| own.same_settings(stated.trim_matches('"'))) {
+            Self::Own
+        } else {
+            Self::Other
+        })
     }
 
     /// Judges a picture in OpenEXR or PNG, whose `attribute` holds the hash of the settings that made it.

@@ -23,6 +23,7 @@ pub mod diff;
 pub(crate) mod earlier;
 pub mod failed;
 pub mod failure;
+pub(crate) mod frame_loop;
 pub mod function;
 pub mod gradient;
 pub mod info;

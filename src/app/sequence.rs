@@ -1,13 +1,9 @@
-//! Sequences of files: their frames, and a piece of work done for each of them on all threads.
+//! Sequences of files, and which of their frames are worked on.
 
-use super::context::Context;
-use super::failed::Failed;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::formats::format::FileKind;
-use crate::formats::limits::Limits;
 use crate::formats::sequence::{Frames, Pattern};
 use crate::formats::{captures, registry};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -91,10 +87,7 @@ impl FrameSelection {
             None => Vec::new(),
         };
         let sequence = |pattern: Pattern| {
-            let numbers = match self.0 {
-                Some(frames) => frames.numbers().collect(),
-                None => pattern.all_numbers()?,
-            };
+            let numbers = numbers(self.0, &pattern)?;
             Ok(Sequence { pattern, numbers })
         };
         patterns.into_iter().map(sequence).collect()
@@ -143,6 +136,15 @@ impl FrameSelection {
     }
 }
 
+/// Returns the numbers of the frames to work on, in ascending order: those that are asked for, else all from the first
+/// to the last that is there.
+///
+/// # Errors
+/// If none is there and none is asked for.
+pub(crate) fn numbers(frames: Option<Frames>, pattern: &Pattern) -> Result<Vec<u32>> {
+    frames.map_or_else(|| pattern.all_numbers(), |frames| Ok(frames.numbers().collect()))
+}
+
 /// Returns the numbers that all sequences have, and those that only some have. A frame that is missing in a sequence,
 /// between its first and its last or among those that were asked for, counts among its numbers: its work fails, and
 /// names it.
@@ -151,61 +153,6 @@ pub(crate) fn common(sequences: &[&Sequence]) -> (Vec<u32>, Vec<u32>) {
     union.sort_unstable();
     union.dedup();
     union.into_iter().partition(|number| sequences.iter().all(|s| s.numbers.binary_search(number).is_ok()))
-}
-
-/// Result of each frame, in ascending order.
-pub type Results<T> = Vec<(u32, Result<T>)>;
-
-/// Does a piece of work for each frame, several at a time, and shows one bar for all. A frame that fails does not stop
-/// the others. Frames that are worked on at the same time share the memory; one for which its share is too small is
-/// done again alone.
-///
-/// # Errors
-/// If the work is stopped by the user.
-pub(crate) fn each<T: Send>(
-    numbers: &[u32],
-    what: &'static str,
-    limits: Limits,
-    context: &Context,
-    work: impl Fn(u32, Limits) -> Result<T> + Sync,
-) -> Result<Results<T>> {
-    let bar = context.steps(numbers.len() as u64, what);
-    let at_once = rayon::current_num_threads().min(numbers.len()).max(1) as u64;
-    let share = Limits { max_memory: limits.max_memory / at_once };
-    let first = |number: &u32| {
-        let result = work(*number, share);
-        if !too_large(&result, at_once) {
-            bar.inc(1);
-        }
-        (*number, result)
-    };
-    let mut results: Results<T> = numbers.par_iter().with_max_len(1).map(first).collect();
-    for (number, result) in &mut results {
-        if too_large(result, at_once) {
-            *result = work(*number, limits);
-            bar.inc(1);
-        }
-    }
-    let stopped = |(_, result): &(u32, Result<T>)| matches!(result, Err(e) if e.kind() == Kind::Cancelled);
-    if results.iter().any(stopped) { Err(Error::cancelled()) } else { Ok(results) }
-}
-
-/// Parts the results into those that are there and the frames that failed.
-pub(crate) fn parted<T>(results: Results<T>) -> (Vec<(u32, T)>, Vec<Failed>) {
-    let (mut done, mut failed) = (Vec::new(), Vec::new());
-    for (number, result) in results {
-        match result {
-            Ok(value) => done.push((number, value)),
-            Err(error) => failed.push(Failed::new(number, &error)),
-        }
-    }
-    (done, failed)
-}
-
-/// True if a frame may have failed for want of memory that others held: readers refuse what exceeds their limits as
-/// unsupported.
-fn too_large<T>(result: &Result<T>, at_once: u64) -> bool {
-    at_once > 1 && result.as_ref().is_err_and(|error| error.kind() == Kind::Unsupported)
 }
 
 #[cfg(test)]
@@ -258,25 +205,5 @@ mod tests {
         let folder = files(&["one.0007.vdb", "note.txt"]);
         let error = FrameSelection::default().sequences(folder.path()).unwrap_err().to_string();
         assert!(error.contains("neither a capture nor a sequence") && error.contains(".vdb"), "{error}");
-    }
-
-    #[test]
-    fn a_frame_that_fails_stops_no_other_and_one_that_is_too_large_is_done_alone() {
-        let context = Context::default();
-        let limits = Limits { max_memory: 1000 };
-        let numbers: Vec<u32> = (1..=20).collect();
-        let results = each(&numbers, "test", limits, &context, |number, limits| match number {
-            3 => Err(Error::invalid("bad")),
-            // More than the share of one of two or more.
-            7 if limits.max_memory < 600 => Err(Error::unsupported("too large")),
-            9 => Err(Error::unsupported("never")),
-            _ => Ok(number * 2),
-        });
-        let (done, failed) = parted(results.unwrap());
-        assert_eq!(failed.iter().map(|f| f.frame).collect::<Vec<_>>(), [3, 9]);
-        let expected: Vec<(u32, u32)> = numbers.iter().filter(|n| ![3, 9].contains(*n)).map(|n| (*n, n * 2)).collect();
-        assert_eq!(done, expected);
-        let stopped = each(&numbers, "test", limits, &context, |_, _| Err::<(), _>(Error::cancelled()));
-        assert_eq!(stopped.unwrap_err().kind(), Kind::Cancelled);
     }
 }

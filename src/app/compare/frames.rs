@@ -6,9 +6,10 @@ use super::page::Gallery;
 use super::traits::Matched;
 use crate::app::Context;
 use crate::app::failed::Failed;
+use crate::app::frame_loop::{FrameLoop, parted};
 use crate::app::outputs;
 use crate::app::provenance::Provenance;
-use crate::app::sequence::{Results, Sequence, common, each};
+use crate::app::sequence::{Sequence, common};
 use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::limits::Limits;
@@ -27,7 +28,6 @@ struct Work<'w> {
     first: Gauge,
     other: Gauge,
     gallery: Gallery,
-    failed: Vec<Failed>,
     /// Frames by what they differ in beside their samples, and whether the samples of any differ.
     apart: BTreeMap<String, Vec<u32>>,
     differ: bool,
@@ -62,12 +62,11 @@ impl CompareSettings {
         }
         let gauge = || Gauge::new(self.space(), self.flip);
         let (first, other, gallery) = (gauge(), gauge(), Gallery::new(both.len()));
-        let (failed, apart) = (Vec::new(), BTreeMap::new());
-        let mut work = Work { settings: self, sequences, first, other, gallery, failed, apart, differ: false };
-        work.all(&both, context)?;
-        let Work { first, other, gallery, failed, apart, differ, .. } = work;
+        let apart = BTreeMap::new();
+        let mut work = Work { settings: self, sequences, first, other, gallery, apart, differ: false };
+        let failed = work.all(&both, context)?;
+        let Work { first, other, gallery, apart, differ, .. } = work;
         let beside = beside.map(|_| other.closed());
-        context.failed(&failed);
         // A frame that one sequence lacks is a difference, as it is for `diff`.
         let differ = differ || !left_out.is_empty() || !apart.is_empty();
         let listed = |(what, frames): (String, Vec<u32>)| format!("frames {}: {what}", ranges(frames));
@@ -83,46 +82,34 @@ impl CompareSettings {
     }
 }
 
+impl CompareSettings {
+    /// Reads the pictures of a frame, the reference last.
+    fn read(&self, paths: &[PathBuf], limits: Limits) -> Result<Vec<Matched>> {
+        let [others @ .., reference] = paths else { return Ok(Vec::new()) };
+        others.iter().try_for_each(|path| self.check_memory([path, reference], limits).map(drop))?;
+        let header = exr::header(reference)?;
+        paths.iter().map(|path| Matched::read(path, &header, self.layer.as_deref(), limits)).collect()
+    }
+}
+
+/// Returns the paths of a frame's pictures.
+fn paths(sequences: &[&Sequence], number: u32) -> Vec<PathBuf> {
+    sequences.iter().map(|sequence| sequence.path(number)).collect()
+}
+
 impl Work<'_> {
-    /// Reads and compares the frames, as many at a time as there are threads.
-    fn all(&mut self, numbers: &[u32], context: &Context) -> Result<()> {
-        let limits = self.settings.limits;
-        let bar = context.steps(numbers.len() as u64, "compare");
-        let mut at = 0;
-        for chunk in numbers.chunks(rayon::current_num_threads().max(1)) {
-            for (number, pictures) in self.read(chunk, limits, context)? {
-                if let Err(error) = pictures.and_then(|pictures| self.frame(at, number, &pictures, context)) {
-                    self.failed.push(Failed::new(number, &error));
-                }
-                at += 1;
-                bar.inc(1);
-            }
-        }
-        Ok(())
-    }
-
-    /// Reads the pictures of some frames, the reference last.
-    fn read(&self, numbers: &[u32], limits: Limits, context: &Context) -> Result<Results<Vec<Matched>>> {
-        each(numbers, "reading", limits, &context.silent(), |n, limits| self.pictures(n, limits))
-    }
-
-    fn pictures(&self, number: u32, limits: Limits) -> Result<Vec<Matched>> {
-        let paths = self.paths(number);
-        let [.., reference] = &paths[..] else { return Ok(Vec::new()) };
-        for path in &paths[..paths.len() - 1] {
-            self.settings.check_memory([path, reference], limits)?;
-        }
-        let (header, layer) = (exr::header(reference)?, self.settings.layer.as_deref());
-        paths.iter().map(|path| Matched::read(path, &header, layer, limits)).collect()
-    }
-
-    fn paths(&self, number: u32) -> Vec<PathBuf> {
-        self.sequences.iter().map(|sequence| sequence.path(number)).collect()
+    /// Reads and compares the frames, and returns those that failed.
+    fn all(&mut self, numbers: &[u32], context: &Context) -> Result<Vec<Failed>> {
+        let (settings, sequences) = (self.settings, self.sequences.clone());
+        let read = |number, limits| settings.read(&paths(&sequences, number), limits);
+        let compare = |at, number, pictures: Vec<Matched>| self.frame(at, number, &pictures, context);
+        let frames = FrameLoop::steps(numbers, "compare", context).telling();
+        Ok(parted(frames.in_order_of(settings.limits, read, compare)?).1)
     }
 
     /// Compares a frame at its place in the sequence.
     fn frame(&mut self, at: usize, number: u32, pictures: &[Matched], context: &Context) -> Result<()> {
-        let paths = self.paths(number);
+        let paths = paths(&self.sequences, number);
         let films: Vec<&Film> = pictures.iter().map(|picture| &picture.film).collect();
         let reference = films.len() - 1;
         let add = |gauge: &mut Gauge, which: usize| -> Result<Comparison> {

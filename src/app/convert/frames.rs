@@ -3,7 +3,8 @@
 use super::{ConvertSettings, FileReport};
 use crate::app::Context;
 use crate::app::failed::{Failed, List};
-use crate::app::sequence::{FrameSelection, Sequence, each, parted};
+use crate::app::frame_loop::{FrameLoop, parted};
+use crate::app::sequence::{FrameSelection, Sequence};
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::format::{FileKind, ends_in};
@@ -84,9 +85,8 @@ impl ConvertSettings {
             let bytes = std::fs::metadata(&path).map_or(0, |data| data.len());
             Ok(Frame { frame: number, report, bytes })
         };
-        let results = each(&sequence.numbers, "converting", self.limits, context, work)?;
-        let (done, failed) = parted(results);
-        context.failed(&failed);
+        let frames = FrameLoop::steps(&sequence.numbers, "converting", context).telling();
+        let (done, failed) = parted(frames.parallel(self.limits, work)?);
         if !done.is_empty() {
             batch.commit()?;
         }

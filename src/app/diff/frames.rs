@@ -4,7 +4,8 @@ use super::DiffSettings;
 use super::report::FilesReport;
 use crate::app::Context;
 use crate::app::failed::{Failed, List};
-use crate::app::sequence::{Sequence, common, each, parted};
+use crate::app::frame_loop::{FrameLoop, parted};
+use crate::app::sequence::{Sequence, common};
 use crate::error::{Error, Result};
 use serde::Serialize;
 use std::fmt;
@@ -51,8 +52,8 @@ impl DiffSettings {
             // The bar is that of the sequence.
             self.files([&paths[0], &paths[1]], limits, &context.silent())
         };
-        let (done, failed) = parted(each(&both, "comparing", self.limits, context, work)?);
-        context.failed(&failed);
+        let frames = FrameLoop::steps(&both, "comparing", context).telling();
+        let (done, failed) = parted(frames.parallel(self.limits, work)?);
         let grids = || done.iter().flat_map(|(_, report)| &report.grids).map(|grid| &grid.difference);
         let max_abs = grids().fold(0.0_f64, |most, d| most.max(d.max_abs));
         let psnr_db = grids().filter_map(|d| d.psnr_db).reduce(f64::min);

@@ -3,7 +3,8 @@
 use super::{Content, Described, InfoSettings, content};
 use crate::app::Context;
 use crate::app::failure::Failure;
-use crate::app::sequence::{Present, Sequence, each};
+use crate::app::frame_loop::FrameLoop;
+use crate::app::sequence::{Present, Sequence};
 use crate::error::Result;
 use crate::text::{printable, ranges};
 use serde::Serialize;
@@ -43,7 +44,8 @@ impl InfoSettings {
     /// If no frame is there.
     pub(super) fn sequence(&self, sequence: &Sequence, context: &Context) -> Result<(Summary, Vec<Described>)> {
         let Present { numbers, first, last, missing } = sequence.present("read")?;
-        let results = each(&numbers, "reading", self.limits, context, |n, limits| content(&sequence.path(n), limits))?;
+        let work = |number, limits| content(&sequence.path(number), limits);
+        let results = FrameLoop::steps(&numbers, "reading", context).parallel(self.limits, work)?;
         let mut summary = Summary {
             pattern: sequence.pattern.name(),
             frames: 0,

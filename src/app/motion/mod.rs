@@ -5,13 +5,14 @@ mod tracing;
 use crate::app::Context;
 use crate::app::earlier::{Keys, Policy};
 use crate::app::failed::Failed;
+use crate::app::frame_loop::{FrameLoop, parted};
 use crate::app::inputs;
 use crate::app::outputs::{self, Content};
 use crate::app::provenance::Provenance;
 use crate::app::ranges;
 use crate::app::transfer::TransferSettings;
 use crate::app::use_case::{Report, Status, use_case};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::captures;
 use crate::formats::exr;
@@ -169,27 +170,16 @@ impl MotionSettings {
         let policy = Policy { own: &provenance, keys: Keys::RENDERED, overwrite: self.overwrite, resume: false };
         pictures.iter().try_for_each(|path| policy.check(path))?;
         let attributes = provenance.attributes();
-        let bar = context.steps(numbers.len() as u64, "motion");
-        let (mut failed, mut largest) = (Vec::new(), 0.0_f32);
-        for (number, path) in numbers.iter().zip(&pictures) {
-            let result = tracing.film(*number, cancel).and_then(|film| {
-                let planes = film.planes.iter().filter(|plane| ["Vector.X", "Vector.Y"].contains(&plane.name.as_str()));
-                let most = planes.flat_map(|plane| &plane.samples).fold(0.0_f32, |most, v| most.max(v.abs()));
-                exr::write_picture(path, &film, &attributes, false)?;
-                Ok(most)
-            });
-            match result {
-                Ok(most) => largest = largest.max(most),
-                Err(e) if e.kind() == Kind::Cancelled => return Err(e),
-                Err(e) => {
-                    failed.push(Failed::new(*number, &e));
-                    context.failed(&failed[failed.len() - 1..]);
-                }
-            }
-            bar.inc(1);
-        }
-        drop(bar);
-        let frames = numbers.len() - failed.len();
+        let results = FrameLoop::steps(&numbers, "motion", context).telling().in_order(|place, number, _| {
+            let film = tracing.film(number, cancel)?;
+            let planes = film.planes.iter().filter(|plane| ["Vector.X", "Vector.Y"].contains(&plane.name.as_str()));
+            let most = planes.flat_map(|plane| &plane.samples).fold(0.0_f32, |most, v| most.max(v.abs()));
+            exr::write_picture(&pictures[place], &film, &attributes, false)?;
+            Ok(most)
+        });
+        let (done, failed) = parted(results?);
+        let largest = done.iter().fold(0.0_f32, |largest, (_, most)| largest.max(*most));
+        let frames = done.len();
         if frames > 0 {
             batch.commit()?;
         }

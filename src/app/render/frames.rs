@@ -9,6 +9,7 @@ use crate::app::Context;
 use crate::app::context::Picture;
 use crate::app::earlier::Earlier;
 use crate::app::failed::{Failed, List};
+use crate::app::frame_loop::{FrameLoop, parted};
 use crate::app::pictures::Cameras;
 use crate::app::pictures::DensityScale;
 use crate::app::pictures::renderer::Chosen;
@@ -17,11 +18,12 @@ use crate::app::pictures::scattering::Paths;
 use crate::app::pictures::settle::Settled;
 use crate::app::pictures::subject::Subject;
 use crate::app::renewed::{self, Renewed};
+use crate::app::sequence::numbers;
 use crate::app::up::ChosenUp;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::png::ToneMapping;
-use crate::formats::sequence::{self, Pattern};
+use crate::formats::sequence::{self, Frames, Pattern};
 use crate::formats::vdb::{File, velocity};
 use crate::render::film::{Rendered, View, bytes_per_pixel};
 use crate::render::integrator::Counts;
@@ -86,10 +88,9 @@ impl RenderSettings {
     pub(super) fn run_frames(&self, target: Target<'_>, context: &Context) -> Result<FramesReport> {
         let mut provenance = self.provenance(context);
         let pattern = Pattern::parse(&self.pictures.input);
-        let numbers: Vec<u32> = match (self.frames, &pattern) {
-            (Some(frames), _) => frames.numbers().collect(),
-            (None, Some(pattern)) => pattern.all_numbers()?,
-            (None, None) => Vec::new(),
+        let numbers = match (self.frames, &pattern) {
+            (frames, Some(pattern)) => numbers(frames, pattern)?,
+            (frames, None) => frames.into_iter().flat_map(Frames::numbers).collect(),
         };
         if let (Some(pattern), Some(_)) = (&pattern, self.frames) {
             refuse_missing(pattern, &numbers)?;
@@ -133,7 +134,7 @@ impl RenderSettings {
             batch.make_folder(folder)?;
         }
 
-        let Results { done, failed, skipped, renewed, counts } = sequence.all(&frames, context)?;
+        let Outcome { done, failed, skipped, renewed, counts } = sequence.all(&frames, context)?;
         provenance.inputs.extend(std::mem::take(&mut sequence.inputs));
         let seconds = provenance.lap();
         if skipped < done.len() {
@@ -214,9 +215,9 @@ fn refuse_missing(pattern: &Pattern, numbers: &[u32]) -> Result<()> {
     }
 }
 
-/// Results of the frames so far.
+/// Frames of a sequence by what became of them.
 #[derive(Default)]
-struct Results {
+struct Outcome {
     /// Frames that are there.
     done: Vec<Done>,
     failed: Vec<Failed>,
@@ -231,35 +232,29 @@ impl Sequence<'_> {
     ///
     /// # Errors
     /// If the work is interrupted.
-    fn all(&mut self, frames: &[(u32, PathBuf)], context: &Context) -> Result<Results> {
-        let bar = context.pictures(frames.len() as u64, "render");
-        let mut results = Results::default();
-        for (place, (number, path)) in frames.iter().enumerate() {
-            let picture = bar.picture();
-            let earlier = self.state(*number, path);
-            let result = match earlier {
-                Earlier::Whole => Ok(None),
-                _ => self.frame((place, *number), path, &picture, context).map(Some),
+    fn all(&mut self, frames: &[(u32, PathBuf)], context: &Context) -> Result<Outcome> {
+        let numbers: Vec<u32> = frames.iter().map(|(number, _)| *number).collect();
+        let work = |place: usize, number, picture: &Picture<'_>| {
+            let path = &frames[place].1;
+            let earlier = self.state(number, path);
+            let counts = match earlier {
+                Earlier::Whole => None,
+                _ => Some(self.frame((place, number), path, picture, context)?),
             };
-            match result {
-                Err(e) if e.kind() == Kind::Cancelled => return Err(e),
-                Err(e) => {
-                    let failed = Failed::new(*number, &e);
-                    context.failed(std::slice::from_ref(&failed));
-                    results.failed.push(failed);
-                }
-                Ok(counts) => {
-                    results.skipped += usize::from(counts.is_none());
-                    results.counts = results.counts.plus(counts.unwrap_or_default());
-                    results.done.push((place, *number, path.clone()));
-                    if let Earlier::Outdated(input) = earlier {
-                        results.renewed.push((*number, input));
-                    }
-                }
+            Ok((place, earlier, counts))
+        };
+        let results = FrameLoop::pictures(&numbers, "render", context).telling().in_order(work)?;
+        let (done, failed) = parted(results);
+        let mut outcome = Outcome { failed, ..Outcome::default() };
+        for (number, (place, earlier, counts)) in done {
+            outcome.skipped += usize::from(counts.is_none());
+            outcome.counts = outcome.counts.plus(counts.unwrap_or_default());
+            outcome.done.push((place, number, frames[place].1.clone()));
+            if let Earlier::Outdated(input) = earlier {
+                outcome.renewed.push((number, input));
             }
         }
-        drop(bar);
-        Ok(results)
+        Ok(outcome)
     }
 
     /// Takes what must not change from frame to frame once: that of earlier runs whose frames stay, or of some frames.

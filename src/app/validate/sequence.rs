@@ -5,7 +5,8 @@ use super::traits::{Deviation, Trait, Traits, deviations};
 use super::{Checked, ValidateSettings, check};
 use crate::app::Context;
 use crate::app::failure::Failure;
-use crate::app::sequence::{Present, Sequence, each};
+use crate::app::frame_loop::FrameLoop;
+use crate::app::sequence::{Present, Sequence};
 use crate::error::{Error, Result};
 use crate::formats::exr::{self, ExrSummary};
 use crate::formats::format::FileKind;
@@ -42,7 +43,7 @@ impl ValidateSettings {
     pub(super) fn sequence(&self, sequence: &Sequence, context: &Context) -> Result<(CheckedSequence, Vec<Checked>)> {
         let Present { numbers, first, last, missing } = sequence.present("check")?;
         let full = self.limits;
-        let results = each(&numbers, "checking", full, context, |number, limits| {
+        let results = FrameLoop::steps(&numbers, "checking", context).parallel(full, |number, limits| {
             let path = sequence.path(number);
             let (checked, mut traits) = check(&path, limits)?;
             if matches!(checked.format, Some(FileKind::Exr)) {

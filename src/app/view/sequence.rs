@@ -6,6 +6,8 @@ use super::subject::Subject;
 use super::{ViewSettings, camera, exposure, name_of, volume};
 use crate::app::Context;
 use crate::app::failed::Failed;
+use crate::app::frame_loop::{FrameLoop, some};
+use crate::app::sequence::numbers;
 use crate::error::{Error, Result};
 use crate::formats::format::FileKind;
 use crate::formats::png::ToneMapping;
@@ -38,10 +40,7 @@ pub(super) fn sheet(
     pattern: &Pattern,
     context: &Context,
 ) -> Result<(Sheet, Content)> {
-    let all = match view.frames {
-        Some(frames) => frames.numbers().collect(),
-        None => pattern.all_numbers()?,
-    };
+    let all = numbers(view.frames, pattern)?;
     if view.frames.is_some() && all.len() > MOST_CHOSEN {
         return Err(Error::unsupported(format!("{} frames: {MOST_CHOSEN} fit on a sheet", all.len()))
             .at(path)
@@ -50,32 +49,32 @@ pub(super) fn sheet(
     let mut failed: Vec<Failed> = all.iter().filter_map(|number| missing(pattern, *number)).collect();
     let there: Vec<u32> =
         all.into_iter().filter(|number| failed.iter().all(|failed| failed.frame != *number)).collect();
-    let mut numbers: Vec<u32> = match view.frames {
+    let chosen: Vec<u32> = match view.frames {
         Some(_) => there.clone(),
         None => evenly(there.len(), MOST).into_iter().map(|i| there[i]).collect(),
     };
     let mut axis = None;
     let mut density_scale = None;
-    let (films, exposure) = match kind(pattern, &numbers)? {
-        FileKind::Exr => pictures(view, pattern, &mut numbers, &mut failed)?,
+    let (films, exposure) = match kind(pattern, &chosen)? {
+        FileKind::Exr => pictures(view, pattern, &chosen, &mut failed, context)?,
         _ => {
             let file = |number: &u32| File::open(pattern.path(*number), view.limits).ok();
-            let up = numbers.iter().find_map(file).map(|file| view.up_of(&file)).unwrap_or_default();
-            let volumes = volumes(view, pattern, &mut numbers, &mut failed, up, context)?;
+            let up = chosen.iter().find_map(file).map(|file| view.up_of(&file)).unwrap_or_default();
+            let volumes = volumes(view, pattern, &chosen, &mut failed, up, context)?;
             axis = Some((up, volumes.light));
             density_scale = Some(volumes.scale);
             (volumes.films, view.exposure.unwrap_or(0.0))
         }
     };
     failed.sort_by_key(|failed| failed.frame);
-    let tile = |(number, film): (&u32, &Film)| Tile {
+    let tile = |(number, film): &(u32, Film)| Tile {
         title: format!("frame {number}"),
         picture: Canvas::of(film.width, film.height, ToneMapping { exposure }.rgb8(film)),
         caption: Vec::new(),
     };
-    let tiles: Vec<Tile> = numbers.iter().zip(&films).map(tile).collect();
+    let tiles: Vec<Tile> = films.iter().map(tile).collect();
     let mut lines =
-        vec![format!("{} of {} frames, {} to {}", numbers.len(), there.len(), there[0], there[there.len() - 1])];
+        vec![format!("{} of {} frames, {} to {}", films.len(), there.len(), there[0], there[there.len() - 1])];
     if !failed.is_empty() {
         lines.push(format!("not shown: {}", ranges(failed.iter().map(|failed| failed.frame))));
     }
@@ -86,8 +85,8 @@ pub(super) fn sheet(
     }));
     let columns = Sheet::columns_of(tiles.len());
     let sheet = Sheet { title: name_of(path), lines, lead: None, tiles, columns };
-    let exposure = Some(exposure);
-    Ok((sheet, Content::Sequence(Sequence { count: there.len(), frames: numbers, failed, exposure, density_scale })))
+    let (exposure, frames) = (Some(exposure), films.iter().map(|(number, _)| *number).collect());
+    Ok((sheet, Content::Sequence(Sequence { count: there.len(), frames, failed, exposure, density_scale })))
 }
 
 /// Returns the failure of a frame whose file is not there.
@@ -116,32 +115,27 @@ fn kind(pattern: &Pattern, numbers: &[u32]) -> Result<FileKind> {
     })
 }
 
-/// Works on frames. Those that fail are told of among `failed` and taken out of `numbers`.
+/// Works on one frame after the other, and tells of those that fail among `failed`.
 ///
 /// # Errors
 /// If all frames fail: that of the first one.
-fn each<T>(numbers: &mut Vec<u32>, failed: &mut Vec<Failed>, mut work: impl FnMut(u32) -> Result<T>) -> Result<Vec<T>> {
-    let (mut done, mut first) = (Vec::new(), None);
-    numbers.retain(|number| match work(*number) {
-        Ok(value) => {
-            done.push(value);
-            true
-        }
-        Err(error) => {
-            failed.push(Failed::new(*number, &error));
-            first.get_or_insert(error);
-            false
-        }
-    });
-    match first {
-        Some(error) if done.is_empty() => Err(error),
-        _ => Ok(done),
-    }
+fn each<T>(
+    numbers: &[u32],
+    failed: &mut Vec<Failed>,
+    context: &Context,
+    mut work: impl FnMut(u32) -> Result<T>,
+) -> Result<Vec<(u32, T)>> {
+    let context = context.silent();
+    let results = FrameLoop::steps(numbers, "frames", &context).in_order(|_, number, _| work(number));
+    let (done, more) = some(results?)?;
+    failed.extend(more);
+    Ok(done)
 }
 
 /// Pictures of volumes.
 struct Volumes {
-    films: Vec<Film>,
+    /// Pictures by the frame's number.
+    films: Vec<(u32, Film)>,
     /// Extinction per unit of density and length.
     scale: f64,
     /// How densities are shown, in words.
@@ -153,7 +147,7 @@ struct Volumes {
 fn volumes(
     view: &ViewSettings,
     pattern: &Pattern,
-    numbers: &mut Vec<u32>,
+    numbers: &[u32],
     failed: &mut Vec<Failed>,
     up: Up,
     context: &Context,
@@ -167,7 +161,7 @@ fn volumes(
         Subject::of(view, &native, &info).map_err(|e| e.at(&path))
     };
     let (mut bounds, mut scale, mut light) = (Aabb::EMPTY, f64::INFINITY, "");
-    each(numbers, failed, |number| {
+    let read = each(numbers, failed, context, |number| {
         let subject = subject(number)?;
         light = subject.light();
         let outline = subject.field.outline();
@@ -183,20 +177,22 @@ fn volumes(
     let bounds = if bounds.is_empty() { Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE } } else { bounds };
     let scale = if scale.is_finite() { scale } else { 1.0 };
     let camera = camera::around(&bounds.corners(), side, up);
+    let numbers: Vec<u32> = read.into_iter().map(|(number, ())| number).collect();
     let picture =
         |number| subject(number)?.picture(&camera, scale, &context.cancel()).map_err(|e| e.at(pattern.path(number)));
-    Ok(Volumes { films: each(numbers, failed, picture)?, scale, light })
+    Ok(Volumes { films: each(&numbers, failed, context, picture)?, scale, light })
 }
 
 /// The frames' pictures, reduced, and the exposure at which none is burnt out.
 fn pictures(
     view: &ViewSettings,
     pattern: &Pattern,
-    numbers: &mut Vec<u32>,
+    numbers: &[u32],
     failed: &mut Vec<Failed>,
-) -> Result<(Vec<Film>, f64)> {
+    context: &Context,
+) -> Result<(Vec<(u32, Film)>, f64)> {
     let (mut white, side) = (0.0_f64, view.side(SIDE, numbers.len())?);
-    let films = each(numbers, failed, |number| {
+    let films = each(numbers, failed, context, |number| {
         let film = exr::read_picture_within(&pattern.path(number), None, view.limits)?;
         white = white.max(exposure::white_of(&film));
         Ok(fitted(&film, side))

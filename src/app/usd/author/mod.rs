@@ -8,6 +8,7 @@ mod volumes;
 pub use report::AuthorReport;
 
 use crate::app::Context;
+use crate::app::earlier::Standing;
 use crate::app::inputs;
 use crate::app::outputs::{self, Content as Kind};
 use crate::app::pictures::scattering::Sky;
@@ -15,7 +16,7 @@ use crate::app::provenance::Provenance;
 use crate::app::ranges;
 use crate::app::up::UpChoice;
 use crate::app::use_case::{Report, use_case};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::LightEntry;
 use crate::formats::sequence::Frames;
@@ -24,16 +25,11 @@ use crate::formats::usd::write::material::Renderer;
 use crate::formats::usd::write::names::Names;
 use crate::formats::usd::write::places::relative;
 use crate::formats::usd::write::stage::StageText;
-use crate::formats::usd::write::text::quoted;
 use crate::formats::usd::write::volume::VolumePrim;
-use crate::formats::{atomic, captures, input, protected};
+use crate::formats::{atomic, captures};
 use crate::scene::up::Up;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-/// Largest stage in bytes that is looked at for the command that wrote it.
-const MAX_BYTES: u64 = 1 << 28;
 
 /// Settings of a stage of volumes, with their media, lights and cameras.
 ///
@@ -106,7 +102,7 @@ pub struct AuthorSettings {
     pub sky: Option<Sky>,
     /// Renderer whose material is bound; the others stay in the variant set `renderer`.
     pub renderer: Renderer,
-    /// True to replace a stage that another command wrote.
+    /// True to replace a stage that other settings wrote.
     pub overwrite: bool,
     /// Memory that the work may take.
     #[serde(flatten)]
@@ -143,6 +139,9 @@ impl Default for AuthorSettings {
     }
 }
 
+/// Settings on which the stage does not depend.
+const MANNER: [&str; 2] = ["overwrite", "max_memory"];
+
 use_case!(AuthorSettings => AuthorReport, limits);
 
 impl Report for AuthorReport {}
@@ -165,10 +164,10 @@ impl AuthorSettings {
         ranges::positive("density_scale", self.density_scale)?;
         ranges::shares("albedo", self.albedo)?;
         ranges::radiance("emission", self.emission)?;
-        let mut provenance = Provenance::begin(context);
+        let mut provenance = Provenance::begin(context).of("usd author", self, &MANNER);
         let limits = self.limits;
         outputs::file(&self.output, Kind::UsdText)?;
-        self.refuse_overwrite(&provenance.command)?;
+        self.refuse_overwrite(&provenance)?;
         let content = self.content()?;
         let up = self.up.of(&self.input, limits)?;
         context.note(&up);
@@ -206,22 +205,18 @@ impl AuthorSettings {
         Ok(report)
     }
 
-    /// Refuses to replace a stage that another command wrote.
-    fn refuse_overwrite(&self, command: &str) -> Result<()> {
-        if self.overwrite || !self.output.exists() {
+    /// Refuses to replace a stage that other settings wrote.
+    fn refuse_overwrite(&self, provenance: &Provenance) -> Result<()> {
+        if self.overwrite {
             return Ok(());
         }
-        let read = || input::bytes(&self.output, MAX_BYTES, "a stage of this command");
-        let text = protected::unprotected(&self.output, read)?;
-        let text = String::from_utf8_lossy(&text);
-        let words = |command: &str| command.split_once(' ').map(|(_, words)| words.to_owned());
-        let stated = text.lines().find_map(|line| line.trim().strip_prefix("string \"command\" = "));
-        if stated.is_some_and(|stated| words(stated) == words(&quoted(command))) {
-            return Ok(());
+        match Standing::of_stage(&self.output, provenance)? {
+            Standing::Nothing | Standing::Own => Ok(()),
+            _ => Err(Error::invalid("a file lies here that another command wrote, and would be replaced")
+                .coded(Code::OutputExists)
+                .at(&self.output)
+                .hint("give another name, or ⟨overwrite⟩ to replace it")),
         }
-        Err(Error::invalid("a file lies here that another command wrote, and would be replaced")
-            .at(&self.output)
-            .hint("give another name, or ⟨overwrite⟩ to replace it"))
     }
 
     fn stage(
@@ -238,18 +233,16 @@ impl AuthorSettings {
             times.fold(None, |span: Option<[u32; 2]>, t| Some(span.map_or([t, t], |[a, b]| [a.min(t), b.max(t)])))
         };
         let frames = span(&mut times.clone()).or_else(|| span(&mut views.clone()));
-        let keys = ["cumulo:command", "cumulo:input", "software"];
-        let names = ["command", "inputs", "software"];
-        let attributes = provenance.attributes();
+        let Provenance { command, settings, software, .. } = provenance;
         let stated =
-            keys.into_iter().zip(names).filter_map(|(key, name)| Some((name.into(), attributes.get(key)?.clone())));
+            [("command", command), ("inputs", &provenance.hashes()), ("settings", settings), ("software", software)];
         StageText {
             up_axis: up.into(),
             meters_per_unit: self.meters_per_unit,
             fps: self.fps,
             frames,
             renderer: self.renderer,
-            provenance: stated.collect::<BTreeMap<String, String>>(),
+            provenance: stated.map(|(name, value)| (name.to_owned(), value.clone())).into(),
             volumes,
             lights,
             cameras,
