@@ -1,6 +1,7 @@
 //! What earlier runs have left where outputs are to be written. It is decided here alone what may be replaced, which
 //! frames stay as they are, and what a search goes on from.
 
+use super::outputs::Content;
 use super::provenance::{INPUTS, Provenance, RESUMABLE, SETTINGS};
 use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
@@ -220,19 +221,15 @@ pub(crate) fn provenance(json: &Path) -> Option<Provenance> {
 
 /// Returns true if a picture holds all that its header names; of a PNG, if it is not empty.
 fn is_whole(path: &Path) -> bool {
-    protected::unprotected(path, || match is_png(path) {
+    protected::unprotected(path, || match Content::Png.has_name(path) {
         true => !exr::is_damaged(path),
         false => exr::is_whole(path),
     })
 }
 
-fn is_png(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
-}
-
 /// Returns the attributes of a PNG or EXR that are texts; none if it cannot be read.
 fn attributes(path: &Path) -> exr::Attributes {
-    protected::unprotected(path, || match is_png(path) {
+    protected::unprotected(path, || match Content::Png.has_name(path) {
         true => png::texts(path).unwrap_or_default(),
         false => exr::header(path).map(|header| header.attributes()).unwrap_or_default(),
     })

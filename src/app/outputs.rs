@@ -2,6 +2,7 @@
 //! written to.
 
 use crate::error::{Code, Error, Result};
+use crate::formats::format::ends_in;
 use crate::formats::{atomic, registry};
 use crate::report::FILE_NAME as PAGE;
 use std::ffi::OsStr;
@@ -35,6 +36,11 @@ impl Content {
             Self::Exr => ("exr", "an OpenEXR picture"),
             Self::UsdText => ("usda", "a USD stage as text"),
         }
+    }
+
+    /// True if a path has the ending of such files.
+    pub(crate) fn has_name(self, path: &Path) -> bool {
+        ends_in(path, self.ending().0)
     }
 }
 
@@ -73,9 +79,8 @@ pub(crate) fn folder(path: &Path) -> Result<()> {
         return Err(Error::invalid("this is no folder, and files are to be written into it").at(path).hint(hint));
     }
     let ending = path.extension().and_then(OsStr::to_str);
-    match ending
-        .filter(|e| registry::by_name(path).is_some() || OTHERS.iter().any(|other| e.eq_ignore_ascii_case(other)))
-    {
+    let is_file = registry::by_name(path).is_some() || OTHERS.iter().any(|other| ends_in(path, other));
+    match ending.filter(|_| is_file) {
         Some(ending) => {
             Err(Error::invalid(format!("a folder would be made, which a name that ends in .{ending} hides"))
                 .coded(Code::OutputName)
@@ -106,8 +111,7 @@ pub(crate) fn report_folder(dir: &Path) -> Result<()> {
 /// # Errors
 /// If the name has the extension of another kind of file, or the place cannot be written to.
 pub(crate) fn pictures(path: &Path) -> Result<Option<Content>> {
-    let ends = |content: Content| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(content.ending().0));
-    match [Content::Exr, Content::Png].into_iter().find(|content| ends(*content) && !path.is_dir()) {
+    match [Content::Exr, Content::Png].into_iter().find(|content| content.has_name(path) && !path.is_dir()) {
         Some(content) => file(path, content).map(|()| Some(content)),
         None => folder(path).map(|()| None),
     }

@@ -6,7 +6,6 @@ use super::raster::PictureFormat;
 use crate::error::Result;
 use serde::{Serialize, Serializer};
 use std::borrow::Cow;
-use std::ffi::OsStr;
 use std::path::Path;
 
 /// A file format: a row of the [registry](super::registry).
@@ -60,10 +59,10 @@ impl PartialEq for Format {
     }
 }
 
-/// True if the name of a path ends so, behind a dot and in whichever case.
+/// True if the name of a path ends so, behind a stem and a dot and in whichever case.
 pub(crate) fn ends_in(path: &Path, ending: &str) -> bool {
-    let name = path.file_name().and_then(OsStr::to_str).unwrap_or_default().to_ascii_lowercase();
-    name.strip_suffix(ending).is_some_and(|stem| stem.ends_with('.'))
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    name.strip_suffix(ending).is_some_and(|stem| stem.len() > 1 && stem.ends_with('.'))
 }
 
 impl FileKind {

@@ -4,7 +4,7 @@
 pub use super::raster::{Header, Options};
 
 use super::format::{FileKind, Format};
-use super::{exr, registry};
+use super::{exr, input, registry};
 use crate::error::{Code, Error, Result};
 use crate::formats::reading::Reading;
 use crate::scene::film::Film;
@@ -24,14 +24,13 @@ pub struct Picture {
 /// # Errors
 /// If the file cannot be read, or is no picture.
 pub fn format(path: &Path) -> Result<&'static Format> {
-    let format = registry::sniff(path)?;
-    if format.kind.is_picture() {
-        return Ok(format);
-    }
-    let names = registry::names(FileKind::is_picture).join(" nor ");
-    Err(Error::unsupported(format!("the picture is neither {names}"))
-        .hint("write it as a scene-linear EXR; the first bytes of the file tell its format, not its name")
-        .at(path))
+    input::open(path)?;
+    registry::find(path, FileKind::is_picture)?.ok_or_else(|| {
+        let names = registry::names(FileKind::is_picture).join(" nor ");
+        Error::unsupported(format!("the picture is neither {names}"))
+            .hint("write it as a scene-linear EXR; the first bytes of the file tell its format, not its name")
+            .at(path)
+    })
 }
 
 /// Reads the header of a picture.

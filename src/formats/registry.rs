@@ -185,9 +185,7 @@ pub static FORMATS: &[&Format] = &[
         phrase: "a NIfTI image",
         endings: &["nii", "nii.gz", "hdr", "img"],
         frames: false,
-        // Before MRC, whose word may stand in the description of an image. Headers of Analyze 7.5, which are told to say
-        // that they are not read, may be those of a map.
-        recognizes: |path, start| Ok(nifti::states_itself(start) || !mrc::is_mrc(start) && nifti::is_nifti(path, start)),
+        recognizes: is_nifti,
         kind: FileKind::Image(&ImageFormat {
             read: |path, options, _| nifti::open(path, options),
             options: &[Time],
@@ -289,6 +287,12 @@ pub static FORMATS: &[&Format] = &[
         }),
     },
 ];
+
+/// True for NIfTI. The word of MRC may stand in the description of an image, and the header of a map may begin as that
+/// of Analyze 7.5 does, which counts as NIfTI for the reader to refuse.
+fn is_nifti(path: &Path, start: &[u8]) -> Result<bool> {
+    Ok(nifti::states_itself(start) || !mrc::is_mrc(start) && nifti::is_nifti(path, start))
+}
 
 /// A text without the byte order mark that editors put before it.
 fn without_mark(start: &[u8]) -> &[u8] {

@@ -127,7 +127,7 @@ fn wrong_use_gives_2_and_leaves_nothing() {
     std::fs::write(at("short.npy"), &std::fs::read(at("cube.npy")).unwrap()[..140]).unwrap();
     let plume = fixture_text("plume.vdb");
     let cases: [(Vec<&str>, &[&str]); 12] = [
-        (vec![&plume, "out.exr"], &["from VDB to EXR", ".npy"]),
+        (vec![&plume, "out.exr"], &["from VDB to OpenEXR", ".npy"]),
         (vec![&plume, "out.npy", "--prune=1"], &["--prune has no effect from VDB to .npy"]),
         (vec![&plume, "out.npy", "--grid=nosuch"], &["nosuch", "density"]),
         (vec![&plume, "out.vdb", "--layer=a"], &["--layer"]),

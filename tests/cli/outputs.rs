@@ -160,7 +160,7 @@ fn names_of_other_formats_are_refused() {
     let work = with_inputs();
     let before = work.files("");
     work.refused("convert cube.vdb out.usd", &["OpenVDB", "usd", ".vdb"]);
-    work.refused("convert cube.vdb out.exr", &["cube.vdb", "from VDB to EXR", ".npy"]);
+    work.refused("convert cube.vdb out.exr", &["cube.vdb", "from VDB to OpenEXR", ".npy"]);
     work.refused("reconstruct density cap -o o.npy", &["OpenVDB", ".npy"]);
     work.refused("render cube.vdb --views 2 -o cloud.png", &["2 views", "one picture", "--view"]);
     work.refused("render cube.vdb --views 1 -o cloud.jpg", &["folder", ".jpg"]);

@@ -71,7 +71,7 @@ fn silence() {
 fn composed(path: &Path, limits: Limits) -> Result<Composed> {
     let met = Rc::new(RefCell::new(OpenedLayers::default()));
     let mut root = path.to_string_lossy().into_owned();
-    if path.extension().is_some_and(|suffix| suffix.eq_ignore_ascii_case("usdz")) {
+    if resolver::is_package(path) {
         root = format!("{root}[{}]", resolver::root_layer(path)?);
     }
     let builder = usd::Stage::builder().resolver(Bounded::new(limits.max_memory / 4, Rc::clone(&met)));

@@ -2,6 +2,7 @@
 
 use super::text;
 use crate::error::{Code, Error, Result};
+use crate::formats::format::ends_in;
 use crate::formats::input;
 use openusd::ar::{self, Asset, DefaultResolver, ResolvedPath, Resolver};
 use openusd::usda::parser::Parser;
@@ -140,12 +141,12 @@ pub(super) fn root_layer(path: &Path) -> Result<String> {
 
 /// True if a name is that of a layer, but of none in a package.
 pub(super) fn is_layer(name: &Path) -> bool {
-    name.extension().is_some_and(|suffix| ["usd", "usda", "usdc"].iter().any(|s| suffix.eq_ignore_ascii_case(s)))
+    ["usd", "usda", "usdc"].iter().any(|ending| ends_in(name, ending))
 }
 
 /// True if the name of a file ends as those of packages do.
-fn is_package(path: &Path) -> bool {
-    path.extension().is_some_and(|suffix| suffix.eq_ignore_ascii_case("usdz"))
+pub(super) fn is_package(path: &Path) -> bool {
+    ends_in(path, "usdz")
 }
 
 /// True if the name of a file ends as those of stages do.
