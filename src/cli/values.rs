@@ -21,23 +21,6 @@ use crate::scene::orbit::Layout;
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-/// A type of the kernels' crate with names on the command line, as clap's `ValueEnum` is one of this crate.
-pub(super) trait Choice: Clone + Send + Sync + 'static {
-    /// Returns all values.
-    fn value_variants<'a>() -> &'a [Self];
-    /// Returns the name of the value with its help.
-    fn to_possible_value(&self) -> Option<PossibleValue>;
-}
-
-/// Returns the parser of a type by its names.
-pub(super) fn choice<T: Choice>() -> impl TypedValueParser<Value = T> {
-    let possible = T::value_variants().iter().filter_map(T::to_possible_value);
-    PossibleValuesParser::new(possible).try_map(|name| {
-        let named = |value: &&T| value.to_possible_value().is_some_and(|possible| possible.matches(&name, false));
-        T::value_variants().iter().find(named).cloned().ok_or("no such value")
-    })
-}
-
 macro_rules! value_enum {
     ($names:ident for $kind:ty { $($variant:ident: $name:literal $(or $alias:literal)* $(, $help:literal)?;)* }) => {
         impl $names for $kind {
@@ -242,6 +225,23 @@ value_enum!(ValueEnum for Renderer {
     Cycles: "cycles", "Cycles as a Hydra delegate";
     MaterialX: "materialx", "Renderers of MaterialX volumes, such as Karma";
 });
+
+/// A type of the kernels' crate with names on the command line, as clap's `ValueEnum` is one of this crate.
+pub(super) trait Choice: Clone + Send + Sync + 'static {
+    /// Returns all values.
+    fn value_variants<'a>() -> &'a [Self];
+    /// Returns the name of the value with its help.
+    fn to_possible_value(&self) -> Option<PossibleValue>;
+}
+
+/// Returns the parser of a type by its names.
+pub(super) fn choice<T: Choice>() -> impl TypedValueParser<Value = T> {
+    let possible = T::value_variants().iter().filter_map(T::to_possible_value);
+    PossibleValuesParser::new(possible).try_map(|name| {
+        let named = |value: &&T| value.to_possible_value().is_some_and(|possible| possible.matches(&name, false));
+        T::value_variants().iter().find(named).cloned().ok_or("no such value")
+    })
+}
 
 #[cfg(test)]
 mod tests {

@@ -146,7 +146,7 @@ pub trait Differentiable: EmissionAbsorption {
 
 /// An integrator with derivatives in forward mode, along `P` directions at once.
 pub trait Forward<const P: usize>: Differentiable {
-    /// Returns the radiance along a world ray of unit direction, bit for bit that of `EmissionAbsorption::integrate`, with its
-    /// derivatives (Jacobian-vector products): the transpose of [`Differentiable::vjp`].
+    /// Returns the radiance along a world ray of unit direction, bit for bit that of `EmissionAbsorption::integrate`,
+    /// with its derivatives (Jacobian-vector products): the transpose of [`Differentiable::vjp`].
     fn jvp(&self, ray: &Ray, seeds: &Seeds<'_, Self::Voxel, P>, scratch: &mut Self::Scratch) -> TangentRadiance<P>;
 }

@@ -1,7 +1,7 @@
 //! Light transport: integrators and their derivatives.
 //!
 //! To read from above: [`renderer`] is what a scene calls for, and [`film`] asks its [`integrator`] for every ray of a
-//! picture. There are two: [`path`] traces paths of scattered light, and [`composited`] puts the emission and absorption
+//! picture. There are two: [`path`] traces paths of scattered light, and [`composited`] puts emission and absorption
 //! along straight rays ([`emission_absorption`]) over a background. These are integrated by [`dvr`] (a density in a
 //! medium) and [`preshaded`] (emission and extinction by voxel), which walk a ray's bricks (`march`), cut it into
 //! segments ([`quadrature`], `segment`) and composite these by one driver (`compositing`). [`differentiable`] is what

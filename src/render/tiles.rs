@@ -38,8 +38,8 @@ pub fn map<U: Sync, S, T: Send>(
     units.par_iter().with_max_len(1).map_init(scratch, one).collect()
 }
 
-/// Computes the pixels of a picture in row-major order, in parallel over bands of rows. `begin` creates what a band of a
-/// number of pixels has beside them, and `pixel(scratch, [x, y], (band, index))` returns the value of one, whose
+/// Computes the pixels of a picture in row-major order, in parallel over bands of rows. `begin` creates what a band has
+/// beside its pixels, by their number, and `pixel(scratch, [x, y], (band, index))` returns the value of one, whose
 /// `index` in its band is row-major. Returns the pixels and the bands from top to bottom; `None` if the watch stopped
 /// the work before all were done.
 pub(crate) fn pixels<S, B: Send, T: Send + Default + Clone>(

@@ -60,7 +60,7 @@ impl Aov {
     pub fn of_paths(self) -> bool {
         !matches!(self, Self::Variance | Self::OpticalDepth)
     }
-    /// Returns the layers of the plane that pixels have one by one, named as Blender names its passes where it has them.
+    /// Returns the layers of the plane that pixels have one by one, named as Blender's passes where it has them.
     pub(super) fn layers(self) -> Vec<Layer> {
         const RGB: &[&str] = &["R", "G", "B"];
         const XYZ: &[&str] = &["X", "Y", "Z"];

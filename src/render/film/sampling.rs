@@ -82,8 +82,8 @@ pub(super) struct Shot {
 }
 
 impl Sampling {
-    /// Creates the sampling of pixels by `samples` paths, at least one, through random points of their squares. Pictures
-    /// of different seeds are independent.
+    /// Creates the sampling of pixels by `samples` paths, at least one, through random points of their squares.
+    /// Pictures of different seeds are independent.
     pub fn random(samples: u32, seed: u64) -> Self {
         let samples = samples.max(1);
         // As many as there are rays, or fewer, and each ray has as many.
@@ -98,7 +98,7 @@ impl Sampling {
         Self { placement: Placement::Grid(Subpixels::new(per_edge)), origin: [0; 2], clamp: None }
     }
 
-    /// Sets column and row of the picture's first pixel in the picture that it is a part of, whose random numbers it has.
+    /// Sets column and row of the picture's first pixel in the picture that it is a part of, for its random numbers.
     #[must_use]
     pub fn within(self, origin: [u32; 2]) -> Self {
         Self { origin, ..self }
