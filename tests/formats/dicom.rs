@@ -17,6 +17,17 @@ const EXPLICIT: &str = "1.2.840.10008.1.2.1";
 const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
 const BIG: &str = "1.2.840.10008.1.2.2";
 const RLE: &str = "1.2.840.10008.1.2.5";
+const JPEG_2000: &str = "1.2.840.10008.1.2.4.90";
+
+/// Lossless codestream of 4 x 3 signed 16-bit values, -700 and on in steps of 7, by OpenJPEG.
+const CODESTREAM: [u8; 101] = [
+    0xff, 0x4f, 0xff, 0x51, 0x00, 0x29, 0x00, 0x00, 0x00, 0x00, 0x00, 0x04, 0x00, 0x00, 0x00, 0x03, 0x00, 0x00, 0x00,
+    0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x04, 0x00, 0x00, 0x00, 0x03, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x00, 0x00, 0x00, 0x01, 0x8f, 0x01, 0x01, 0xff, 0x52, 0x00, 0x0c, 0x00, 0x00, 0x00, 0x01, 0x00, 0x00, 0x04, 0x04,
+    0x00, 0x01, 0xff, 0x5c, 0x00, 0x04, 0x40, 0x80, 0xff, 0x90, 0x00, 0x0a, 0x00, 0x00, 0x00, 0x00, 0x00, 0x22, 0x00,
+    0x01, 0xff, 0x93, 0xc0, 0x7e, 0xc2, 0x00, 0x08, 0xec, 0x93, 0xed, 0xe1, 0x9a, 0x85, 0x58, 0xc4, 0x3e, 0xd1, 0x20,
+    0x68, 0x26, 0x2e, 0x7f, 0xff, 0xd9,
+];
 
 /// Writes elements in a transfer syntax.
 struct Writer {
@@ -138,10 +149,11 @@ impl Slice {
                 w.raw(0x7fe0_0010, b"OW", &[1, 2]);
             });
         }
-        if self.syntax == RLE {
+        if [RLE, JPEG_2000].contains(&self.syntax) {
+            let packed = if self.syntax == RLE { rle(&self.values) } else { [&CODESTREAM[..], &[0]].concat() };
             w.head(0x7fe0_0010, b"OB", u32::MAX);
             w.raw(0xfffe_e000, b"  ", &[]);
-            w.raw(0xfffe_e000, b"  ", &rle(&self.values));
+            w.raw(0xfffe_e000, b"  ", &packed);
             w.head(0xfffe_e0dd, b"  ", 0);
         } else {
             let bytes: Vec<u8> = self.values.iter().flat_map(|v| w.u16(v.cast_unsigned())).collect();
@@ -229,6 +241,25 @@ fn corners_land_where_the_headers_say_in_every_coding() {
             // Positions and directions are written with 10 decimals, the directions count up to 3 voxels of 0.75.
             assert!((found - lps * DVec3::new(-1.0, -1.0, 1.0)).length() < 2e-9, "{syntax} {corner:?}: {found}");
         }
+    }
+}
+
+#[test]
+fn jpeg_2000_is_unpacked() {
+    let slice = series(JPEG_2000).remove(0);
+    let (_, values) = read_slices(std::slice::from_ref(&slice)).unwrap();
+    let stored: Vec<f64> = slice.values.iter().map(|v| f64::from(*v) * 2.0 - 1024.0).collect();
+    assert_eq!(values, stored);
+    let folder = tempfile::tempdir().unwrap();
+    let start = slice.file().windows(4).position(|bytes| bytes == &CODESTREAM[..4]).unwrap();
+    // The first byte of the codestream, the width, and the depth of the values.
+    for (at, byte, words) in [(0, 0, "no codestream"), (11, 5, "5 x 3 pixels in a file of 4 x 3"), (42, 0x90, "17-bit")]
+    {
+        let mut damaged = slice.file();
+        damaged[start + at] = byte;
+        std::fs::write(folder.path().join("a.dcm"), damaged).unwrap();
+        let error = read(&folder.path().join("a.dcm"), &Options::default()).unwrap_err();
+        assert!(error.to_string().contains(words) && error.remedy().is_some(), "{error}");
     }
 }
 
@@ -581,7 +612,7 @@ fn frames_that_are_not_there_take_no_memory() {
 #[test]
 fn what_is_not_read_says_what_to_do() {
     for (syntax, words) in
-        [("1.2.840.10008.1.2.4.90", "JPEG 2000"), ("1.2.840.10008.1.2.4.80", "JPEG-LS"), ("1.2.3", "unknown")]
+        [("1.2.840.10008.1.2.4.201", "HTJ2K"), ("1.2.840.10008.1.2.4.80", "JPEG-LS"), ("1.2.3", "unknown")]
     {
         let slice = Slice { syntax, ..series(EXPLICIT).remove(0) };
         let error = read_slices(&[slice]).unwrap_err().to_string();
@@ -606,7 +637,7 @@ fn trial(folder: &Path, bytes: &[u8], options: &Options) -> bool {
 fn damaged_files_are_errors_and_take_no_memory() {
     let folder = tempfile::tempdir().unwrap();
     let options = Options::default();
-    for syntax in [IMPLICIT, EXPLICIT, BIG, RLE, DEFLATED] {
+    for syntax in [IMPLICIT, EXPLICIT, BIG, RLE, DEFLATED, JPEG_2000] {
         let whole = series(syntax).remove(0).file();
         assert!(!trial(folder.path(), &whole, &options), "{syntax}");
         for n in (0..whole.len() - 8).step_by(9) {

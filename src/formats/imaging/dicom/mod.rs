@@ -5,7 +5,8 @@
 //! brought to right, anterior, superior; units are millimetres. Rescale slope and intercept are applied, so that CT
 //! comes in Hounsfield units; windows are for displays and are not applied.
 //!
-//! Elements are read by code of this crate, which bounds what a damaged length can make it allocate.
+//! Elements are read by code of this crate, which bounds what a damaged length can make it allocate, and nested items
+//! make it recurse.
 //!
 //! Source: [DICOM](https://www.dicomstandard.org/current), parts 3 (C.7.6), 5 and 10.
 
@@ -13,6 +14,7 @@ mod agreement;
 mod element;
 mod fields;
 mod file;
+mod jpeg2000;
 mod packing;
 mod pixels;
 mod placement;

@@ -2,6 +2,7 @@
 
 use super::element::damaged;
 use super::file::{File, Pixels};
+use super::jpeg2000;
 use super::syntax::Packing;
 use crate::error::{Error, Result};
 use std::io::Read;
@@ -105,6 +106,7 @@ impl Frames {
         }
         match file.syntax.packing {
             Packing::Rle => rle(&packed, file),
+            Packing::Jpeg2000 => jpeg2000::unpack(&packed, file),
             _ => jpeg(&packed, file),
         }
     }

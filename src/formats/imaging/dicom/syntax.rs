@@ -11,6 +11,8 @@ pub(crate) enum Packing {
     Rle,
     /// JPEG of 8 bits, or lossless JPEG.
     Jpeg,
+    /// JPEG 2000, a codestream for each frame.
+    Jpeg2000,
 }
 
 /// Coding of a data set.
@@ -43,7 +45,8 @@ pub(crate) fn of_uid(uid: &str) -> Result<Syntax> {
         ".5" => Syntax { packing: Packing::Rle, ..META },
         ".4.50" | ".4.51" | ".4.57" | ".4.70" => Syntax { packing: Packing::Jpeg, ..META },
         ".4.80" | ".4.81" => return Err(unread(uid, "JPEG-LS")),
-        ".4.90" | ".4.91" | ".4.92" | ".4.93" => return Err(unread(uid, "JPEG 2000")),
+        ".4.90" | ".4.91" => Syntax { packing: Packing::Jpeg2000, ..META },
+        ".4.92" | ".4.93" => return Err(unread(uid, "JPEG 2000 of several components")),
         ".4.110" | ".4.111" | ".4.112" => return Err(unread(uid, "JPEG XL")),
         ".4.201" | ".4.202" | ".4.203" => return Err(unread(uid, "HTJ2K")),
         _ => return Err(unread(uid, "a transfer syntax that is not read")),
