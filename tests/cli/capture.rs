@@ -1,6 +1,7 @@
 //! `cumulo capture convert`, and captures of other programs in the commands that take captures.
 
 use crate::common::work::Work;
+use cumulo::error::Code;
 use cumulo::formats::{captures, exr, transforms};
 use cumulo::scene::camera::Camera;
 use cumulo::scene::capture::{Model, Pictures};
@@ -49,8 +50,12 @@ fn pictures_of_8_bits_are_reconstructed_from() {
         let words = format!("reconstruct density {capture} -o {}.vdb --resolution 16 --iterations 4", capture.len());
         work.json(&words)
     };
-    work.refused("reconstruct density shots/eight.json -o no.vdb", &["view_000.png", "8 bits", "color_space"]);
-    work.refused("capture convert shots/eight.json -o no", &["transfer curve", "--color-space"]);
+    work.refused(
+        "reconstruct density shots/eight.json -o no.vdb",
+        Code::Invalid,
+        &["view_000.png", "8 bits", "color_space"],
+    );
+    work.refused("capture convert shots/eight.json -o no", Code::Invalid, &["transfer curve", "--color-space"]);
     assert!(!work.path("no").exists());
     let converted = work.json("capture convert shots/eight.json -o converted --color-space srgb");
     assert_eq!((&converted["written"], &converted["integer"]), (&json!(8), &json!(8)));
@@ -106,7 +111,11 @@ fn distorted_views_become_those_of_pinhole_cameras() {
         (text["w"], text["h"], text["camera_model"]) = (json!(48), json!(48), json!("OPENCV"));
         (text["k1"], text["k2"], text["p1"], text["p2"]) = (json!(-0.25), json!(0.06), json!(2e-3), json!(-1e-3));
     });
-    work.refused("reconstruct density lens -o no.vdb", &["frame 0", "'k1' is -0.25", "cumulo capture convert"]);
+    work.refused(
+        "reconstruct density lens -o no.vdb",
+        Code::Unsupported,
+        &["frame 0", "'k1' is -0.25", "cumulo capture convert"],
+    );
     assert!(work.text("info lens").contains("lens distortion: 2 view(s)"));
     let report = work.json("capture convert lens -o flat");
     assert_eq!((&report["undistorted"], &report["written"]), (&json!(2), &json!(2)));
@@ -145,7 +154,7 @@ fn colmaps_models_are_cameras() {
     assert!(worst(&work.picture("shots/view_002.exr"), &work.picture("again/view_002.exr")) < 1e-5);
     work.json("reconstruct density model -o found.vdb --resolution 12 --iterations 2");
     // Inputs are spared, whatever their format.
-    work.refused("capture convert model -o model --to colmap --overwrite", &["input of this command"]);
+    work.refused("capture convert model -o model --to colmap --overwrite", Code::OutputIsInput, &["view_000.exr"]);
 }
 
 #[test]
@@ -164,7 +173,7 @@ fn exrs_in_which_nothing_changes_stay_where_they_are() {
     assert!(text.contains("../shots/view_000.exr"), "{text}");
     // The same command writes again; another one needs a word.
     work.json("capture convert shots -o moved --scale 2 --offset 1,0,-1");
-    work.refused("capture convert shots -o moved", &["--overwrite"]);
+    work.refused("capture convert shots -o moved", Code::OutputExists, &["--overwrite"]);
 
     // Pictures from elsewhere: by name, and by number.
     std::fs::create_dir(work.path("png")).unwrap();
@@ -179,8 +188,8 @@ fn exrs_in_which_nothing_changes_stay_where_they_are() {
         let linear = ColorSpace::Srgb.table(8);
         assert!(work.picture("by/view_001.exr").rgba.iter().all(|p| linear.contains(&p[0])));
     }
-    work.refused("capture convert shots -o no --pictures png/view_##1.png", &["3 views"]);
-    work.refused("capture convert shots -o no --pictures .", &["view_000"]);
+    work.refused("capture convert shots -o no --pictures png/view_##1.png", Code::Invalid, &["3 views"]);
+    work.refused("capture convert shots -o no --pictures .", Code::Invalid, &["view_000"]);
 }
 
 /// Photographs of a light medium in a dark room, as a camera hands them out: black is a level or two, nothing is stated.
@@ -209,6 +218,7 @@ fn photographs_tell_their_setting() {
     let photos = (0..8).map(|i| format!("photo_{i}.png")).collect::<Vec<_>>().join(" ");
     work.refused(
         &format!("capture convert shots -o no --photographs --pictures {photos}"),
+        Code::Invalid,
         &["8 pictures for 9 views"],
     );
     let report = work.json(&format!("capture convert shots -o shot --photographs --pictures {photos} photo_8.png"));
@@ -260,8 +270,12 @@ fn masks_are_asked_about() {
     mask.rgba[..32].fill([0.0, 0.0, 0.0, 1.0]);
     png8(&work.path("shots/mask.png"), &mask);
     rewrite(&work, "shots/transforms.json", |text| text["frames"][0]["mask_path"] = json!("mask.png"));
-    work.refused("reconstruct density shots -o no.vdb", &["frame 0", "mask_path", "--masked background"]);
-    work.refused("capture convert shots -o no", &["frame 0", "--masked used"]);
+    work.refused(
+        "reconstruct density shots -o no.vdb",
+        Code::Unsupported,
+        &["frame 0", "mask_path", "--masked background"],
+    );
+    work.refused("capture convert shots -o no", Code::Invalid, &["frame 0", "--masked used"]);
     assert_eq!(work.json("capture convert shots -o used --masked used")["written"], 0);
     assert_eq!(work.json("capture convert shots -o covered --masked background")["written"], 1);
     let [before, after] = ["shots", "covered"].map(|folder| work.picture(&format!("{folder}/view_000.exr")));

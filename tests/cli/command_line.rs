@@ -3,6 +3,7 @@
 
 use crate::common::grids::fog;
 use crate::common::work::{Work, errors, fixture};
+use cumulo::error::Code;
 use cumulo::formats::exr;
 use cumulo::formats::vdb::{Codec, write_grids};
 use cumulo::scene::film::Film;
@@ -41,7 +42,7 @@ fn a_limit_of_memory_that_cannot_be_kept_to_is_refused_at_once() {
     for command in ["info @cube.vdb", "render missing.vdb --views 1 -o x", "compare a.exr b.exr", "view a.vdb -o a.png"]
     {
         let expected = ["--max-memory 10.0 MiB", "at least 112 MiB are needed", "--threads"];
-        work.refused(&format!("{command} --max-memory 10M --threads 2"), &expected);
+        work.refused(&format!("{command} --max-memory 10M --threads 2"), Code::Invalid, &expected);
     }
     work.json("info @cube.vdb --max-memory 112M --threads 2");
 }
@@ -49,8 +50,8 @@ fn a_limit_of_memory_that_cannot_be_kept_to_is_refused_at_once() {
 #[test]
 fn threads_are_counted_before_the_work() {
     let work = Work::new();
-    work.refused("info @cube.vdb --threads 0", &["--threads 0", "1 to 1024", "leave it out"]);
-    work.refused("info @cube.vdb --threads 100000", &["--threads 100000", "1 to 1024"]);
+    work.refused("info @cube.vdb --threads 0", Code::Invalid, &["--threads 0", "1 to 1024", "leave it out"]);
+    work.refused("info @cube.vdb --threads 100000", Code::Invalid, &["--threads 100000", "1 to 1024"]);
     for bad in ["abc", "0", "-3", "", "1e3", "99999999999999999999"] {
         let out = work.command("info @cube.vdb").env("RAYON_NUM_THREADS", bad).output().unwrap();
         let said = String::from_utf8_lossy(&out.stderr).into_owned();
@@ -174,11 +175,15 @@ fn what_a_record_names_is_blamed_on_the_record() {
     work.json("render @plume.vdb --views 4 --size 12x12 -o cap");
     work.json("reconstruct density cap -o d.vdb --resolution 8 --iterations 1 --report page");
     let record: Value = serde_json::from_slice(&std::fs::read(work.path("page/run.json")).unwrap()).unwrap();
-    for (key, value) in [("output", json!("")), ("layer", json!("none")), ("capture", json!("else\u{1e}where"))] {
+    for (key, value, code) in [
+        ("output", json!(""), Code::NotFound),
+        ("layer", json!("none"), Code::NoSuchLayer),
+        ("capture", json!("else\u{1e}where"), Code::NotFound),
+    ] {
         let mut damaged = record.clone();
         damaged[key] = value;
         std::fs::write(work.path("page/run.json"), damaged.to_string()).unwrap();
-        work.refused("report page", &["page/run.json"]);
-        work.refused("report page --beside other=cap", &["page/run.json"]);
+        work.refused("report page", code, &["page/run.json"]);
+        work.refused("report page --beside other=cap", code, &["page/run.json"]);
     }
 }

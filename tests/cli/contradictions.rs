@@ -1,6 +1,7 @@
 //! Captures that contradict their pictures are refused or warned of, and what a run will cost is said first.
 
 use crate::common::work::{Work, errors};
+use cumulo::error::Code;
 use cumulo::formats::exr;
 use cumulo::scene::film::Film;
 use serde_json::{Value, json};
@@ -22,10 +23,10 @@ fn edit(work: &Work, change: impl FnOnce(&mut Value)) {
     std::fs::write(path, serde_json::to_vec(&capture).unwrap()).unwrap();
 }
 
-/// Refused within seconds, with these words.
-fn refused(work: &Work, words: &str, expected: &[&str]) {
+/// Refused within seconds.
+fn refused(work: &Work, words: &str, code: Code, facts: &[&str]) {
     let begun = Instant::now();
-    work.refused(words, expected);
+    work.refused(words, code, facts);
     assert!(begun.elapsed() < Duration::from_secs(20), "{words}: {:?}", begun.elapsed());
     assert!(!work.path("x.vdb").exists());
 }
@@ -58,16 +59,21 @@ fn a_capture_that_is_right_is_not_warned_of() {
 fn a_wrong_background_is_refused_with_the_right_one() {
     let work = with_pictures("");
     edit(&work, |c| c["background"] = json!([0.5, 0.5, 0.5]));
-    refused(&work, WORDS, &["alpha 0", "[0.5, 0.5, 0.5]", "\"background\": [1, 1, 1]"]);
+    refused(&work, WORDS, Code::Contradiction, &["alpha 0", "[0.5, 0.5, 0.5]", "\"background\": [1, 1, 1]"]);
     // Rendered on a transparent film, and nothing said: white is assumed.
     work.edit("cap", |_, film| film.rgba.iter_mut().for_each(|p| (p[0], p[1], p[2]) = (0.0, 0.0, 0.0)));
     edit(&work, |c| drop(c.as_object_mut().unwrap().remove("background")));
-    refused(&work, WORDS, &["\"background\": [0, 0, 0]", "transparent film"]);
+    refused(&work, WORDS, Code::Contradiction, &["\"background\": [0, 0, 0]", "transparent film"]);
     for words in ["reconstruct color cap -o x.vdb", "pose cap --volume @plume.vdb -o x.json"] {
         edit(&work, |c| c["model"] = json!("emission-absorption"));
-        refused(&work, words, &["\"background\": [0, 0, 0]"]);
+        refused(&work, words, Code::Contradiction, &["\"background\": [0, 0, 0]"]);
     }
-    refused(&work, "reconstruct tf cap --volume @plume.vdb -o x.tf.json", &["\"background\": [0, 0, 0]"]);
+    refused(
+        &work,
+        "reconstruct tf cap --volume @plume.vdb -o x.tf.json",
+        Code::Contradiction,
+        &["\"background\": [0, 0, 0]"],
+    );
     // With it stated, alpha alone tells the depths.
     edit(&work, |c| (c["background"], c["model"]) = (json!([0, 0, 0]), json!("absorption")));
     work.json(WORDS);
@@ -80,7 +86,7 @@ fn without_alpha_the_borders_tell() {
     work.json(WORDS);
     std::fs::remove_file(work.path("x.vdb")).unwrap();
     edit(&work, |c| c["background"] = json!([0.5, 0.5, 0.5]));
-    refused(&work, WORDS, &["borders", "\"background\": [1, 1, 1]"]);
+    refused(&work, WORDS, Code::Contradiction, &["borders", "\"background\": [1, 1, 1]"]);
 }
 
 #[test]
@@ -91,14 +97,14 @@ fn what_is_no_light_is_refused() {
         work.edit("cap", |_, film| film.rgba.iter_mut().for_each(change));
     };
     all(|p| *p = p.map(|v| -v));
-    refused(&work, WORDS, &["view_000.exr", "negative", "--layer"]);
+    refused(&work, WORDS, Code::Contradiction, &["view_000.exr", "negative", "--layer"]);
     all(|p| *p = p.map(|v| 1e30 * v));
-    refused(&work, WORDS, &["view_000.exr", "1e30", "--layer"]);
+    refused(&work, WORDS, Code::Contradiction, &["view_000.exr", "1e30", "--layer"]);
     all(|p| *p = [f32::NAN; 4]);
-    refused(&work, WORDS, &["view_000.exr", "NaN"]);
-    refused(&work, "pose cap --volume @plume.vdb -o x.json", &["view_000.exr", "NaN"]);
+    refused(&work, WORDS, Code::Contradiction, &["view_000.exr", "NaN"]);
+    refused(&work, "pose cap --volume @plume.vdb -o x.json", Code::Contradiction, &["view_000.exr", "NaN"]);
     all(|p| p[3] += 40.0);
-    refused(&work, WORDS, &["view_000.exr", "alpha", "0 to 1"]);
+    refused(&work, WORDS, Code::Contradiction, &["view_000.exr", "alpha", "0 to 1"]);
 }
 
 /// Writes a picture of one channel in the place of a view.
@@ -133,8 +139,8 @@ fn depths_alphas_and_pairs_are_no_colors() {
     for (names, expected) in [("Z", "depth"), ("A", "alpha alone"), ("R,G", "two channels")] {
         let work = with_pictures("");
         channel(&work, names);
-        refused(&work, WORDS, &[expected, "colors are expected", "view_0"]);
-        refused(&work, "pose cap --volume @plume.vdb -o x.json", &[expected]);
+        refused(&work, WORDS, Code::Invalid, &[expected, "colors are expected", "view_0"]);
+        refused(&work, "pose cap --volume @plume.vdb -o x.json", Code::Invalid, &[expected]);
     }
 }
 
@@ -200,7 +206,11 @@ fn scattered_light_leaves_the_densities_to_alpha() {
     let truth = work.volume_psnr("x.vdb");
     let colors = work.command("reconstruct color cap -o y.vdb --resolution 12 --iterations 2").output().unwrap();
     assert!(colors.status.success() && errors(&colors).contains("scattered light"), "{}", errors(&colors));
-    work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json", &["scattered light", "reconstruct density"]);
+    work.refused(
+        "reconstruct tf cap --volume @plume.vdb -o x.tf.json",
+        Code::Unsupported,
+        &["scattered light", "reconstruct density"],
+    );
     edit(&work, |c| (c["model"], c["emission"]) = (json!("emission-absorption"), json!([1, 1, 1])));
     for _ in 0..2 {
         let found = validated(&work);
@@ -215,7 +225,7 @@ fn scattered_light_leaves_the_densities_to_alpha() {
     assert!(truth > 30.0 && truth > work.volume_psnr("x.vdb") + 5.0, "{truth} {}", work.volume_psnr("x.vdb"));
     work.edit("cap", |_, film| film.rgba.iter_mut().for_each(|pixel| pixel[3] = 1.0));
     edit(&work, |c| c["model"] = json!("scattering"));
-    work.refused("reconstruct density cap -o z.vdb", &["alpha is 1 in all pixels"]);
+    work.refused("reconstruct density cap -o z.vdb", Code::Invalid, &["alpha is 1 in all pixels"]);
 }
 
 /// The emission that a reconstruction looks for is no other than a capture's, which states none.
@@ -286,16 +296,16 @@ fn damaged_cameras_are_refused_at_once() {
         work
     };
     let moved = damaged(|c| c["frames"][4]["transform_matrix"][2][3] = json!(1834.0));
-    refused(&moved, WORDS, &["view_004.exr", "nothing in common", "transform_matrix"]);
+    refused(&moved, WORDS, Code::Contradiction, &["view_004.exr", "nothing in common", "transform_matrix"]);
     let near = damaged(|c| {
         let z = &mut c["frames"][0]["transform_matrix"][0][3];
         *z = json!(10.0 * z.as_f64().unwrap() + 20.0);
     });
-    refused(&near, WORDS, &["view_000.exr", "nothing in common"]);
+    refused(&near, WORDS, Code::Contradiction, &["view_000.exr", "nothing in common"]);
     let squeezed = damaged(|c| c["fl_y"] = json!(0.15 * c["fl_x"].as_f64().unwrap()));
-    refused(&squeezed, WORDS, &["fl_x", "fl_y", "as long as wide"]);
+    refused(&squeezed, WORDS, Code::Contradiction, &["fl_x", "fl_y", "as long as wide"]);
     let shifted = damaged(|c| c["cx"] = json!(1600));
-    refused(&shifted, WORDS, &["cameras"]);
+    refused(&shifted, WORDS, Code::Contradiction, &["cameras"]);
     let far = damaged(|c| {
         for frame in c["frames"].as_array_mut().unwrap() {
             for row in 0..3 {
@@ -304,7 +314,7 @@ fn damaged_cameras_are_refused_at_once() {
             }
         }
     });
-    refused(&far, WORDS, &["origin"]);
+    refused(&far, WORDS, Code::Contradiction, &["origin"]);
 }
 
 /// The coarsest levels have voxels larger than the pictures' halves are wide.
@@ -332,7 +342,7 @@ fn small_scenes_work_or_are_refused_before_the_work() {
         work
     };
     // The lattice was forgotten.
-    refused(&scaled(1e-12), WORDS, &["lattice", "--voxel-size"]);
+    refused(&scaled(1e-12), WORDS, Code::Invalid, &["lattice", "--voxel-size"]);
     let small = scaled(1e-6);
     let out = small.command(&format!("{WORDS} --resolution 16")).output().unwrap();
     match out.status.code() {
@@ -367,6 +377,7 @@ fn the_cost_is_said_first_and_holds() {
     refused(
         &work,
         "reconstruct density cap -o x.vdb --max-memory 112M --resolution 400",
+        Code::MemoryLimit,
         &["112 MB are allowed", "--voxel-size"],
     );
 }
@@ -374,8 +385,8 @@ fn the_cost_is_said_first_and_holds() {
 #[test]
 fn options_beyond_reason_are_refused() {
     let work = Work::new();
-    work.refused("render @plume.vdb --views 1 -o cap --background 1e308", &["1e308", "brighter"]);
-    work.refused("render @plume.vdb --views 1 -o cap --fov 1e-300", &["1e-300", "too small"]);
+    work.refused("render @plume.vdb --views 1 -o cap --background 1e308", Code::Usage, &["1e308", "brighter"]);
+    work.refused("render @plume.vdb --views 1 -o cap --fov 1e-300", Code::Usage, &["1e-300", "too small"]);
 }
 
 /// What is differentiated is said, and how much of it was checked.

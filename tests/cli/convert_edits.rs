@@ -2,6 +2,7 @@
 //! definition says.
 
 use crate::common::work::{self, Work, density, errors};
+use cumulo::error::Code;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::{Codec, File, NativeGrid, RawLeaf, write_native};
 use cumulo::math::Affine;
@@ -131,11 +132,19 @@ fn fog_becomes_the_level_set_of_one_density_and_cavities_stay_open() {
     work.json("convert set.vdb back.vdb --to fog");
     let back = density(&work.path("back.vdb"));
     assert!(at(&back, [7, 0, 0]).unwrap().0 > 0.6 && at(&back, [0, 0, 0]).is_none_or(|v| v.0 == 0.0));
-    work.refused("convert shell.vdb none.vdb --to level-set --iso 2", &["--iso 2", "largest density is 0.8"]);
-    work.refused("convert shell.vdb none.vdb --to level-set --iso 0", &["not below --iso 0"]);
-    work.refused("convert @blob_stretched.vdb none.vdb --to level-set", &["cubes", "--resample"]);
-    work.refused("convert shell.vdb none.vdb --to level-set --max-memory 112M --resample 0.02", &["--max-memory"]);
-    work.refused("convert shell.vdb none.vdb --iso 0.5", &["--to"]);
+    work.refused(
+        "convert shell.vdb none.vdb --to level-set --iso 2",
+        Code::Invalid,
+        &["--iso 2", "largest density is 0.8"],
+    );
+    work.refused("convert shell.vdb none.vdb --to level-set --iso 0", Code::Invalid, &["not below --iso 0"]);
+    work.refused("convert @blob_stretched.vdb none.vdb --to level-set", Code::Unsupported, &["cubes", "--resample"]);
+    work.refused(
+        "convert shell.vdb none.vdb --to level-set --max-memory 112M --resample 0.02",
+        Code::MemoryLimit,
+        &["--max-memory"],
+    );
+    work.refused("convert shell.vdb none.vdb --iso 0.5", Code::Usage, &["--to"]);
 }
 
 #[test]
@@ -168,10 +177,14 @@ fn the_box_filter_keeps_the_mass_and_is_the_default_where_voxels_grow() {
     work.json("convert @tiles.vdb tiles.vdb --resample 1 --filter box");
     let tiles = density(&work::fixture("tiles.vdb"));
     assert!((mass_of("tiles.vdb") / mass(&tiles) - 1.0).abs() < 1e-6);
-    work.refused("convert @sphere_level_set.vdb no.vdb --resample 1 --filter box", &["distances", "--to fog"]);
+    work.refused(
+        "convert @sphere_level_set.vdb no.vdb --resample 1 --filter box",
+        Code::Unsupported,
+        &["distances", "--to fog"],
+    );
     let set = work.json("convert @sphere_level_set.vdb set.vdb --resample 0.2");
     assert_eq!(set["grids"][0]["filter"], "trilinear");
-    work.refused("convert @plume.vdb no.vdb --filter box", &["--resample"]);
+    work.refused("convert @plume.vdb no.vdb --filter box", Code::Usage, &["--resample"]);
 }
 
 #[test]
@@ -193,11 +206,19 @@ fn vectors_are_split_and_merged_without_loss() {
         assert!(v.origin == z.origin && v.active == z.active);
         assert!((0..512).all(|i| v.values[3 * i + 2] == z.values[i]));
     }
-    work.refused("convert @plume.vdb no.vdb --split density", &["hold no vectors"]);
-    work.refused("convert @kinds.vdb no.vdb --merge v=velocity,pressure,label", &["make no vectors"]);
-    work.refused("convert @kinds.vdb no.vdb --merge v=a,b,c", &["no grid 'a'"]);
-    work.refused("convert @kinds.vdb no.vdb --split velocity --merge v=velocity,pressure,label", &["twice"]);
-    work.refused("convert @kinds.vdb no.vdb --grid label --split velocity", &["--grid"]);
+    work.refused("convert @plume.vdb no.vdb --split density", Code::Unsupported, &["hold no vectors"]);
+    work.refused(
+        "convert @kinds.vdb no.vdb --merge v=velocity,pressure,label",
+        Code::Unsupported,
+        &["make no vectors"],
+    );
+    work.refused("convert @kinds.vdb no.vdb --merge v=a,b,c", Code::NoSuchGrid, &["'a'"]);
+    work.refused(
+        "convert @kinds.vdb no.vdb --split velocity --merge v=velocity,pressure,label",
+        Code::Invalid,
+        &["twice"],
+    );
+    work.refused("convert @kinds.vdb no.vdb --grid label --split velocity", Code::Invalid, &["--grid"]);
 }
 
 #[test]
@@ -271,12 +292,16 @@ fn files_are_joined() {
         assert!(found.same_values(grid).unwrap());
         assert_eq!(found.info().unwrap().transform, grid.info().unwrap().transform);
     }
-    work.refused("convert a.vdb c.vdb d.vdb", &["grid 'density'", "a.vdb", "c.vdb", "--rename density=NAME"]);
-    work.refused("convert a.vdb c.vdb d.vdb --grid density", &["'density'", "which of them is meant"]);
-    work.refused("convert a.vdb b.vdb d.vdb --grid smoke", &["no grid 'smoke'", "'density', 'heat'"]);
-    work.refused("convert a.vdb b.vdb d.vdb --up z", &["--up edits the grids of one file"]);
-    work.refused("convert a.vdb b.vdb d.nvdb", &["b.vdb", "one VDB"]);
-    work.refused("convert a.vdb b.vdb a.vdb", &["a.vdb"]);
+    work.refused(
+        "convert a.vdb c.vdb d.vdb",
+        Code::Invalid,
+        &["grid 'density'", "a.vdb", "c.vdb", "--rename density=NAME"],
+    );
+    work.refused("convert a.vdb c.vdb d.vdb --grid density", Code::Invalid, &["'density'", "which of them is meant"]);
+    work.refused("convert a.vdb b.vdb d.vdb --grid smoke", Code::NoSuchGrid, &["'smoke'", "'density', 'heat'"]);
+    work.refused("convert a.vdb b.vdb d.vdb --up z", Code::Invalid, &["--up edits the grids of one file"]);
+    work.refused("convert a.vdb b.vdb d.nvdb", Code::Unsupported, &["b.vdb", "one VDB"]);
+    work.refused("convert a.vdb b.vdb a.vdb", Code::OutputIsInput, &["a.vdb"]);
     assert!(!work.path("d.vdb").exists());
     work.json("convert a.vdb c.vdb d.vdb --grid heat --names blender");
     let file = File::open(work.path("d.vdb"), Limits::default()).unwrap();
@@ -294,7 +319,7 @@ fn files_of_other_up_axes_are_not_joined() {
         let metadata = BTreeMap::from([("creator".to_owned(), text(creator)), (format!("of_{name}"), text(name))]);
         write_native(&work.path(&format!("{name}.vdb")), &[&native], None, &metadata, Codec::Blosc).unwrap();
     }
-    work.refused("convert a.vdb b.vdb d.vdb", &["b.vdb", "Houdini 20", "--up z"]);
+    work.refused("convert a.vdb b.vdb d.vdb", Code::Invalid, &["b.vdb", "Houdini 20", "--up z"]);
     let warnings = work.json("convert a.vdb c.vdb d.vdb")["warnings"].to_string();
     assert!(warnings.contains("c.vdb does not state its up axis") && warnings.contains("'creator'"), "{warnings}");
     let metadata = File::open(work.path("d.vdb"), Limits::default()).unwrap().metadata().unwrap();

@@ -1,6 +1,7 @@
 //! `cumulo denoise`, `cumulo motion`, and `cumulo compare` of sequences, as a user calls them.
 
 use crate::common::work::{Work, errors, fixture, write_exr};
+use cumulo::error::Code;
 use cumulo::formats::exr::{self, Document};
 use cumulo::formats::limits::Limits;
 use cumulo::scene::film::Film;
@@ -292,14 +293,17 @@ fn motion_knows_the_medium() {
     }
     work.refused(
         "motion scene.json --cameras path --frames 0-3 --tf peaks.tf.json -o no/m.####.exr",
+        Code::Invalid,
         &["--tf", "scene.json"],
     );
     work.refused(
         "motion stage.usda --cameras path --frames 0-3 --grid heat -o no/m.####.exr",
+        Code::Invalid,
         &["--grid", "stage.usda"],
     );
     work.refused(
         "motion shown/frame.0002.exr --cameras path --frames 0-3 -o no/m.####.exr",
+        Code::Invalid,
         &["frame.0002.exr", "picture"],
     );
 }
@@ -408,8 +412,8 @@ fn what_is_left_is_told() {
     assert!(map(5, "noise").iter().all(|v| (0.02..0.04).contains(v)));
     assert!(map(5, "error").iter().all(|v| (0.003..0.03).contains(v)));
     assert!(map(0, "error").iter().all(|v| *v == -1.0));
-    work.refused("denoise in.####.exr -o no.####.exr --error --method ema", &["--error", "wrls2"]);
-    work.refused("denoise in.####.exr -o no.####.exr --error --direction forward", &["--error", "both"]);
+    work.refused("denoise in.####.exr -o no.####.exr --error --method ema", Code::Invalid, &["--error", "wrls2"]);
+    work.refused("denoise in.####.exr -o no.####.exr --error --direction forward", Code::Invalid, &["--error", "both"]);
 }
 
 /// Each eye of stereo has its own history, and becomes what it would be alone.
@@ -450,8 +454,16 @@ fn every_view_is_denoised() {
         assert_eq!(plane(&both, layer, "V").len(), 24 * 16, "{layer}");
     }
     // What only one view has is refused by name, and so is motion of one view alone.
-    work.refused("denoise stereo.####.exr -o no.####.exr --layers matte", &["view 'right'", "'matte'", "--layers"]);
-    work.refused("denoise moving.####.exr -o no.####.exr", &["view 'right'", "layer 'Vector'", "--motion none"]);
+    work.refused(
+        "denoise stereo.####.exr -o no.####.exr --layers matte",
+        Code::Invalid,
+        &["view 'right'", "'matte'", "--layers"],
+    );
+    work.refused(
+        "denoise moving.####.exr -o no.####.exr",
+        Code::Invalid,
+        &["view 'right'", "layer 'Vector'", "--motion none"],
+    );
     work.json("denoise moving.####.exr -o rest.####.exr --motion none");
     assert_eq!(plane(&document(&work.path("rest.0003.exr")), "right", "R"), plane(&both, "right", "R"));
 }
@@ -482,7 +494,11 @@ fn a_frame_of_nothing_but_nan_fails_by_name() {
         let samples = plane(&document(&work.path(&format!("out.{frame:04}.exr"))), "", "R");
         assert!(samples.iter().all(|v| (v - 0.5).abs() < 1e-3), "{frame}");
     }
-    work.refused("denoise in.0003.exr -o still.exr", &["in.0003.exr", "none of the 384 pixels is finite"]);
+    work.refused(
+        "denoise in.0003.exr -o still.exr",
+        Code::Invalid,
+        &["in.0003.exr", "none of the 384 pixels is finite"],
+    );
     assert!(!work.path("still.exr").exists());
 }
 
@@ -518,12 +534,12 @@ fn gaps_in_alpha_are_filled_in_and_told() {
     assert!(text.contains("3 pixels of frames 3, 5 were NaN or infinite, and were filled in"), "{text}");
     // What is left of a frame that was cut short is made again; a file that is no picture is not touched.
     std::fs::write(work.path("out.0004.exr"), "").unwrap();
-    work.refused(command, &["out.0004.exr", "damaged", "--overwrite replaces it"]);
+    work.refused(command, Code::OutputExists, &["out.0004.exr", "damaged", "--overwrite replaces it"]);
     let resumed = work.json(&format!("{command} --resume"));
     assert_eq!((&resumed["denoised"], &resumed["skipped"]), (&Value::from(1), &Value::from(5)));
     assert_eq!((&resumed["filled"], &resumed["filled_frames"]), (&Value::from(0), &serde_json::json!([])));
     std::fs::write(work.path("out.0004.exr"), "notes").unwrap();
-    work.refused(&format!("{command} --resume"), &["out.0004.exr", "another command"]);
+    work.refused(&format!("{command} --resume"), Code::OutputExists, &["out.0004.exr"]);
     assert_eq!(std::fs::read(work.path("out.0004.exr")).unwrap(), b"notes");
     let help = work.text("denoise --help").split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(help.contains("changes of the frames around, of which a frame learns, do not count"), "{help}");
@@ -550,9 +566,9 @@ fn a_single_picture_is_denoised() {
     assert!(still.header().attributes()["cumulo:denoise"].contains("-o still.exr"));
     // It is there, and another command does not replace it.
     assert_eq!(work.json("denoise noisy/frame.0005.exr -o still.exr --alpha --resume")["skipped"], 1);
-    work.refused("denoise noisy/frame.0006.exr -o still.exr", &["still.exr", "--overwrite"]);
-    work.refused("denoise noisy/frame.0005.exr -o noisy/frame.0005.exr", &["input"]);
-    work.refused("denoise missing.exr -o x.exr", &["missing.exr"]);
+    work.refused("denoise noisy/frame.0006.exr -o still.exr", Code::OutputExists, &["still.exr", "--overwrite"]);
+    work.refused("denoise noisy/frame.0005.exr -o noisy/frame.0005.exr", Code::OutputIsInput, &["input"]);
+    work.refused("denoise missing.exr -o x.exr", Code::NotFound, &["missing.exr"]);
     // Without noise 58.6 dB are left; the filter alone would leave 40 dB or less.
     work.json(&format!(
         "render smoke.vdb --views 1 --size {SIZE} --density-scale auto --tf inferno --supersample 4 -o clean.exr"

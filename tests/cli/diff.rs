@@ -2,6 +2,7 @@
 
 use crate::common::grids::compact;
 use crate::common::work::Work;
+use cumulo::error::Code;
 use cumulo::math::Affine;
 use cumulo::metrics::volume::{Difference, Field, compare};
 use cumulo::scene::grid::{Grid, Tile};
@@ -156,7 +157,7 @@ fn comparing_is_refused_where_both_do_not_fit() {
     let work = Work::new();
     // 28³ leaves of 2 KiB are 43 MiB, of the first grid as they are compared, and of the second as they are read, too.
     work.write("a.vdb", &[&compact("density", 28, 3)]);
-    work.refused("diff a.vdb a.vdb --max-memory 112M", &["--max-memory"]);
+    work.refused("diff a.vdb a.vdb --max-memory 112M", Code::MemoryLimit, &["--max-memory"]);
     assert_eq!(work.json("diff a.vdb a.vdb --max-memory 1G")["same"], true);
 }
 

@@ -2,6 +2,7 @@
 
 use crate::common::fields::{tinted, unit};
 use crate::common::work::{self, Work, density, errors};
+use cumulo::error::Code;
 use cumulo::formats::vdb::shaded;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -171,27 +172,30 @@ fn pre_shaded_volumes_have_all_their_derivatives() {
 fn what_a_pre_shaded_volume_does_not_have_is_refused() {
     let work = shaded_work();
     let words = "gradient shaded.vdb --views 1 --loss mean --model pre-shaded --wrt";
-    for (asked, expected) in [
-        ("tf", &["shaded.vdb", "no transfer function", "--wrt density"][..]),
-        ("extinction", &["extinctions of a pre-shaded volume"]),
-        ("step --quadrature midpoint:0.5", &["--quadrature", "of their own"]),
-        ("density --emission 1,1,1", &["--emission", "voxels"]),
-        ("density --tf points.tf.json", &["--tf", "--model"]),
-        ("density --prior tf=1", &["no transfer function"]),
+    for (asked, code, expected) in [
+        ("tf", Code::Invalid, &["shaded.vdb", "no transfer function", "--wrt density"][..]),
+        ("extinction", Code::Invalid, &["extinctions of a pre-shaded volume"]),
+        ("step --quadrature midpoint:0.5", Code::Invalid, &["--quadrature", "of their own"]),
+        ("density --emission 1,1,1", Code::Invalid, &["--emission", "voxels"]),
+        ("density --tf points.tf.json", Code::Usage, &["--tf", "--model"]),
+        ("density --prior tf=1", Code::Invalid, &["no transfer function"]),
     ] {
-        work.refused(&format!("{words} {asked}"), expected);
+        work.refused(&format!("{words} {asked}"), code, expected);
     }
-    work.refused("gradient shaded.vdb --views 1 --loss mean --wrt emission", &["--model pre-shaded"]);
+    work.refused("gradient shaded.vdb --views 1 --loss mean --wrt emission", Code::Invalid, &["--model pre-shaded"]);
     work.refused(
         "gradient @plume.vdb --views 1 --loss mean --wrt camera --quadrature preintegrated --check",
+        Code::Invalid,
         &["--check", "exact"],
     );
     work.refused(
         "gradient @plume.vdb --views 1 --loss mean --wrt emission --model pre-shaded",
+        Code::Invalid,
         &["'emission'", "vec3s"],
     );
     work.refused(
         "gradient @plume.vdb --views 1 --loss mean --wrt density --model absorption --emission 1,0,0",
+        Code::Invalid,
         &["nothing is emitted"],
     );
 }
@@ -279,25 +283,57 @@ fn what_does_not_agree_is_exit_code_one() {
 #[test]
 fn what_cannot_be_is_refused() {
     let work = work();
-    for (words, expected) in [
-        ("gradient @plume.vdb --views 1 --loss mean --wrt step", &["no step", "midpoint:0.5"][..]),
-        ("gradient @plume.vdb --views 1 --loss mean --wrt tf", &["no transfer function", "--tf", "plume.vdb"]),
-        ("gradient @plume.vdb --views 1 --loss l2 --wrt extinction", &["compares with pictures", "--target"]),
-        ("gradient @plume.vdb --views 1 --loss mean --wrt camera -o x.vdb", &["--output", "density"]),
-        ("gradient @plume.vdb --views 1 --loss mean --wrt camera --mode tangent --adjoint tape", &["leave one"]),
-        ("gradient @plume.vdb --views 1 --loss mean --wrt density --mode forward", &["512", "--mode reverse"]),
-        ("gradient @plume.vdb --loss mean --wrt camera", &["--target", "--views"]),
-        ("gradient @plume.vdb --views 1 --loss mean --wrt density --prior tf=1", &["no transfer function", "plume"]),
-        ("gradient @plume.vdb --views 1 --loss mean --wrt tf --tf lobes.tf.json --prior tf=1", &["texels or points"]),
-        ("gradient @plume.vdb --views 1 --loss mean --wrt camera --prior rough=1", &["rough=1", "tv=WEIGHT"]),
-        ("gradient @plume.vdb --views 1 --loss mean", &["--wrt"]),
-        ("gradient @plume.vdb --views 1 --loss mean --wrt color", &["color"]),
-        ("gradient @plume.vdb --views 1 --loss mean --wrt camera --tolerance 1", &["--check"]),
-        ("gradient none.vdb --views 1 --loss mean --wrt camera", &["none.vdb"]),
-        ("gradient @plume.vdb --target none --loss l2 --wrt camera", &["none"]),
-        ("gradient @plume.vdb --views 1 --size 60000x60000 --loss mean --wrt camera --max-memory 1G", &["MiB"]),
+    for (words, code, expected) in [
+        ("gradient @plume.vdb --views 1 --loss mean --wrt step", Code::Invalid, &["no step", "midpoint:0.5"][..]),
+        (
+            "gradient @plume.vdb --views 1 --loss mean --wrt tf",
+            Code::Invalid,
+            &["no transfer function", "--tf", "plume.vdb"],
+        ),
+        (
+            "gradient @plume.vdb --views 1 --loss l2 --wrt extinction",
+            Code::Invalid,
+            &["compares with pictures", "--target"],
+        ),
+        ("gradient @plume.vdb --views 1 --loss mean --wrt camera -o x.vdb", Code::Invalid, &["--output", "density"]),
+        (
+            "gradient @plume.vdb --views 1 --loss mean --wrt camera --mode tangent --adjoint tape",
+            Code::Invalid,
+            &["leave one"],
+        ),
+        (
+            "gradient @plume.vdb --views 1 --loss mean --wrt density --mode forward",
+            Code::Unsupported,
+            &["512", "--mode reverse"],
+        ),
+        ("gradient @plume.vdb --loss mean --wrt camera", Code::Usage, &["--target", "--views"]),
+        (
+            "gradient @plume.vdb --views 1 --loss mean --wrt density --prior tf=1",
+            Code::Invalid,
+            &["no transfer function", "plume"],
+        ),
+        (
+            "gradient @plume.vdb --views 1 --loss mean --wrt tf --tf lobes.tf.json --prior tf=1",
+            Code::Unsupported,
+            &["texels or points"],
+        ),
+        (
+            "gradient @plume.vdb --views 1 --loss mean --wrt camera --prior rough=1",
+            Code::Usage,
+            &["rough=1", "tv=WEIGHT"],
+        ),
+        ("gradient @plume.vdb --views 1 --loss mean", Code::Usage, &["--wrt"]),
+        ("gradient @plume.vdb --views 1 --loss mean --wrt color", Code::Usage, &["color"]),
+        ("gradient @plume.vdb --views 1 --loss mean --wrt camera --tolerance 1", Code::Usage, &["--check"]),
+        ("gradient none.vdb --views 1 --loss mean --wrt camera", Code::NotFound, &["none.vdb"]),
+        ("gradient @plume.vdb --target none --loss l2 --wrt camera", Code::NotFound, &["none"]),
+        (
+            "gradient @plume.vdb --views 1 --size 60000x60000 --loss mean --wrt camera --max-memory 1G",
+            Code::Unsupported,
+            &["MiB"],
+        ),
     ] {
-        work.refused(words, expected);
+        work.refused(words, code, expected);
     }
     assert!(!work.path("x.vdb").exists());
 }

@@ -2,6 +2,7 @@
 
 use crate::common::images;
 use crate::common::work::{Work, errors};
+use cumulo::error::Code;
 use serde_json::json;
 use std::process::Command;
 
@@ -41,7 +42,7 @@ fn a_point_in_time_is_chosen() {
         assert_eq!(first["grid"]["least"], json!(1.0));
         let last = work.json("convert t.nii t.vdb --time 2");
         assert_eq!((&last["grid"]["least"], &last["grid"]["greatest"]), (&json!(3.0), &json!(62.0)));
-        work.refused("convert t.nii u.vdb --time 3", &["t.nii", "no time 3", "--time 0 to 2"]);
+        work.refused("convert t.nii u.vdb --time 3", Code::Invalid, &["t.nii", "no time 3", "--time 0 to 2"]);
     }
 }
 
@@ -82,7 +83,7 @@ fn hounsfield_units_become_densities() {
     let plain = work.json("convert ct.nii ct.vdb --as float");
     assert!(plain["notes"].to_string().contains("--map LOW,HIGH"), "{plain}");
     assert_eq!(plain["grid"]["class"], "unknown");
-    work.refused("render ct.vdb --views 1 --size 8x8 -o shots", &["negative", "cumulo convert --map"]);
+    work.refused("render ct.vdb --views 1 --size 8x8 -o shots", Code::Invalid, &["negative", "cumulo convert --map"]);
     let mapped = work.json("convert ct.nii d.vdb --map -1000,1000 --threshold 0.1");
     let grid = &mapped["grid"];
     assert_eq!((&grid["class"], &grid["greatest"]), (&json!("fog volume"), &json!(1.0)));
@@ -132,8 +133,8 @@ fn several_arrays_are_several_grids() {
         (&one["grid"]["name"], &one["grid"]["value_type"], &one["shape"]),
         (&json!("vel"), &json!("vec3s"), &json!([2, 2, 2, 3]))
     );
-    work.refused("convert a.vti c.vdb --array heat", &["a.vti", "no array 'heat'", "smoke, velocity"]);
-    work.refused("convert a.vti c.vdb --array velocity --map 0,1", &["vectors"]);
+    work.refused("convert a.vti c.vdb --array heat", Code::Invalid, &["a.vti", "no array 'heat'", "smoke, velocity"]);
+    work.refused("convert a.vti c.vdb --array velocity --map 0,1", Code::Invalid, &["vectors"]);
 }
 
 #[test]
@@ -145,7 +146,7 @@ fn stacks_are_folders_patterns_and_channels() {
         let page = vec![number; 20];
         std::fs::write(work.path(&format!("slices/s{number}.tif")), images::tiff(&[page], 5, 4, "", [1, 1])).unwrap();
     }
-    work.refused("convert slices a.vdb", &["slices", "--voxel-size", "--spacing"]);
+    work.refused("convert slices a.vdb", Code::Invalid, &["slices", "--voxel-size", "--spacing"]);
     for input in ["slices", "slices/s*.tif", "slices/s#.tif"] {
         let report = work.json(&format!("convert {input} a.vdb --spacing 1,1,2"));
         assert_eq!(report["shape"], json!([5, 4, 3]), "{input}");
@@ -165,7 +166,7 @@ fn stacks_are_folders_patterns_and_channels() {
     assert_eq!(report["grids"][0]["transform"][2], json!([0.0, 0.0, 2.0, 0.0]));
     // A slice of another size.
     std::fs::write(work.path("slices/s11.tif"), images::tiff(&[vec![1; 6]], 3, 2, "", [1, 1])).unwrap();
-    work.refused("convert slices b.vdb --voxel-size 1", &["s11.tif", "3 x 2", "5 x 4"]);
+    work.refused("convert slices b.vdb --voxel-size 1", Code::Invalid, &["s11.tif", "3 x 2", "5 x 4"]);
 }
 
 #[test]
@@ -186,36 +187,37 @@ fn wrong_use_says_what_to_do_and_leaves_nothing() {
         "<VTKFile type=\"ImageData\" compressor=\"vtkLZMADataCompressor\"></VTKFile>",
     )
     .unwrap();
-    let cases: [(&str, &[&str]); 18] = [
+    let cases: [(&str, Code, &[&str]); 18] = [
         (
             "a.bin out.vdb --dims 5,4,4 --type u16 --skip 7 --spacing 1,1,1",
+            Code::Invalid,
             &["a.bin", "127 bytes", "make 167", "--dims"],
         ),
-        ("a.bin out.vdb --dims 5,4,3 --type u16 --skip 7", &["a.bin", "--spacing"]),
-        ("a.bin out.vdb --dims 5,4,3 --spacing 1,1,1", &["--type"]),
-        ("a.bin out.vdb --dims 5,4,3 --type u17 --spacing 1,1,1", &["u17", "u16, i16"]),
-        ("a.npy out.vdb", &["a.npy", "--voxel-size"]),
-        ("a.nii out.vdb --spacing 1,1,1", &["--spacing has no effect from NIfTI to VDB"]),
-        ("a.nii out.vdb --array x", &["--array has no effect from NIfTI to VDB"]),
-        ("a.mha out.vdb --time 1", &["--time has no effect from MetaImage to VDB"]),
-        ("a.nii out.vdb --threshold 100", &["--threshold", "no voxel is active"]),
-        ("a.nii out.vdb --map 5,5", &["ascend"]),
-        ("a.nii out.nrrd", &["no conversion from NIfTI to .nrrd"]),
-        ("old.hdr out.vdb", &["old.hdr", "Analyze 7.5", "NIfTI"]),
-        ("complex.nii out.vdb", &["complex.nii", "complex numbers", "magnitude"]),
-        ("poly.vtk out.vdb", &["poly.vtk", "POLYDATA", "Resample To Image"]),
-        ("mesh.vti out.vdb", &["mesh.vti", "UnstructuredGrid", "Resample To Image"]),
-        ("packed.vti out.vdb", &["packed.vti", "vtkLZMADataCompressor", "ZLib"]),
-        ("@plume.vdb out.nii --axes zyx", &["--axes has no effect"]),
-        ("@plume.vdb out.nii --grid nosuch", &["nosuch", "density"]),
+        ("a.bin out.vdb --dims 5,4,3 --type u16 --skip 7", Code::Invalid, &["a.bin", "--spacing"]),
+        ("a.bin out.vdb --dims 5,4,3 --spacing 1,1,1", Code::Usage, &["--type"]),
+        ("a.bin out.vdb --dims 5,4,3 --type u17 --spacing 1,1,1", Code::Usage, &["u17", "u16, i16"]),
+        ("a.npy out.vdb", Code::Invalid, &["a.npy", "--voxel-size"]),
+        ("a.nii out.vdb --spacing 1,1,1", Code::Invalid, &["--spacing has no effect from NIfTI to VDB"]),
+        ("a.nii out.vdb --array x", Code::Invalid, &["--array has no effect from NIfTI to VDB"]),
+        ("a.mha out.vdb --time 1", Code::Invalid, &["--time has no effect from MetaImage to VDB"]),
+        ("a.nii out.vdb --threshold 100", Code::Invalid, &["--threshold", "no voxel is active"]),
+        ("a.nii out.vdb --map 5,5", Code::Usage, &["ascend"]),
+        ("a.nii out.nrrd", Code::Unsupported, &["no conversion from NIfTI to .nrrd"]),
+        ("old.hdr out.vdb", Code::Unsupported, &["old.hdr", "Analyze 7.5", "NIfTI"]),
+        ("complex.nii out.vdb", Code::Unsupported, &["complex.nii", "complex numbers", "magnitude"]),
+        ("poly.vtk out.vdb", Code::Unsupported, &["poly.vtk", "POLYDATA", "Resample To Image"]),
+        ("mesh.vti out.vdb", Code::Unsupported, &["mesh.vti", "UnstructuredGrid", "Resample To Image"]),
+        ("packed.vti out.vdb", Code::Unsupported, &["packed.vti", "vtkLZMADataCompressor", "ZLib"]),
+        ("@plume.vdb out.nii --axes zyx", Code::Invalid, &["--axes has no effect"]),
+        ("@plume.vdb out.nii --grid nosuch", Code::NoSuchGrid, &["nosuch", "density"]),
     ];
-    for (words, expected) in cases {
-        work.refused(&format!("convert {words}"), expected);
+    for (words, code, expected) in cases {
+        work.refused(&format!("convert {words}"), code, expected);
     }
     assert!(["out.vdb", "out.nii", "out.nrrd"].iter().all(|n| !work.path(n).exists()));
     // Both files of a header and its values, or none: the header's name is taken by a folder.
     std::fs::create_dir(work.path("h.mhd")).unwrap();
-    work.refused("convert @plume.vdb h.mhd", &["h.mhd", "folder"]);
+    work.refused("convert @plume.vdb h.mhd", Code::Invalid, &["h.mhd", "folder"]);
     assert!(!work.path("h.raw").exists());
 }
 
@@ -295,7 +297,7 @@ fn stacks_are_read_as_stored_and_say_what_they_state() {
     assert!(flat["notes"].to_string().contains("does not say how far slices are apart"), "{flat}");
     // ImageJ's large stacks have one directory for all images.
     std::fs::write(work.path("i.tif"), spaced("ImageJ=1.53\nimages=12\nunit=um\nspacing=2\n")).unwrap();
-    work.refused("convert i.tif i.vdb", &["i.tif", "2 page(s)", "ordinary TIFF"]);
+    work.refused("convert i.tif i.vdb", Code::Unsupported, &["i.tif", "2 page(s)", "ordinary TIFF"]);
 }
 
 /// An array of NumPy of 2 x 2 x 1 numbers, whose first axis is the fastest.
@@ -368,7 +370,7 @@ fn types_that_vectors_do_not_have_are_refused() {
         assert_eq!(report["notes"].to_string().contains("vectors stay as they are"), turned, "{report}");
     }
     for to in ["int", "double"] {
-        work.refused(&format!("convert v.nii w.vdb --as {to}"), &["v.nii", "vectors", "--as"]);
+        work.refused(&format!("convert v.nii w.vdb --as {to}"), Code::Unsupported, &["v.nii", "vectors", "--as"]);
     }
 }
 
@@ -412,7 +414,7 @@ fn fields_that_are_easily_overlooked_count() {
     let found = bytes[bytes.len() - 24..].as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect::<Vec<_>>();
     assert_eq!(found, [7.0, 9.0, 11.0, 8.0, 10.0, 12.0]);
     files("domain domain domain list vector", "2 1 1 5 3", "t0.raw\nt1.raw\nt0.raw");
-    work.refused("convert s.nhdr s.vdb --time 4", &["s.nhdr", "3 files for"]);
+    work.refused("convert s.nhdr s.vdb --time 4", Code::Unsupported, &["s.nhdr", "3 files for"]);
     // An axis that is not in space has no direction; some writers say so by `nan`.
     let text = "NRRD0005\ntype: uchar\ndimension: 4\nsizes: 1 5 4 3\nencoding: raw\nspace dimension: 3\n\
                 space directions: (nan,nan,nan) (2,0,0) (0,3,0) (0,0,4)\n\n";
@@ -474,9 +476,17 @@ fn memory_is_that_of_what_is_active() {
     array.resize(start + cells, 0);
     array[start..start + (2 << 20)].fill(1);
     std::fs::write(work.path("held.npy"), array).unwrap();
-    work.refused("convert held.npy held.vdb --voxel-size 1 --max-memory 130M", &["held.npy", "--max-memory"]);
+    work.refused(
+        "convert held.npy held.vdb --voxel-size 1 --max-memory 130M",
+        Code::MemoryLimit,
+        &["held.npy", "--max-memory"],
+    );
     work.json("convert held.npy held.vdb --voxel-size 1 --max-memory 200M");
-    work.refused("convert dense.nii dense.vdb --max-memory 128M", &["dense.nii", "--max-memory", "--threshold"]);
+    work.refused(
+        "convert dense.nii dense.vdb --max-memory 128M",
+        Code::MemoryLimit,
+        &["dense.nii", "--max-memory", "--threshold"],
+    );
     assert!(!work.path("dense.vdb").exists());
 }
 
@@ -491,11 +501,11 @@ fn scans_are_described_and_lead_on() {
     assert_eq!((&image["voxel_size"], &image["origin"]), (&json!([4.0, 4.0, 6.0]), &json!([-94.0, -110.0, -117.0])));
     assert!(work.text("info @head.nii.gz").contains("48 x 56 x 40 voxels"));
     for words in ["render @head.nii.gz --views 1 -o no", "view @head.nii.gz -o no.png", "validate @head.nii.gz"] {
-        work.refused(words, &["head.nii.gz", "this is NIfTI", "cumulo convert IN OUT.vdb"]);
+        work.refused(words, Code::UnknownFormat, &["head.nii.gz", "this is NIfTI", "cumulo convert IN OUT.vdb"]);
     }
-    work.refused("diff @head.nii.gz @plume.vdb", &["head.nii.gz", "this is NIfTI"]);
+    work.refused("diff @head.nii.gz @plume.vdb", Code::UnknownFormat, &["head.nii.gz", "this is NIfTI"]);
     // Pictures and volumes are not mixed up, either.
     work.json("render @plume.vdb --views 1 --size 4x4 -o picture.exr");
-    work.refused("diff picture.exr picture.exr", &["this is a picture", "cumulo compare"]);
-    work.refused("compare @plume.vdb @plume.vdb", &["an OpenVDB file", "cumulo diff"]);
+    work.refused("diff picture.exr picture.exr", Code::Invalid, &["this is a picture", "cumulo compare"]);
+    work.refused("compare @plume.vdb @plume.vdb", Code::Invalid, &["an OpenVDB file", "cumulo diff"]);
 }

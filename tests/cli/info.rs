@@ -1,8 +1,10 @@
 //! `cumulo info` and `cumulo validate` on OpenEXR files and captures, from the outside: what they
 //! print, the keys of their JSON, and how they end. VDBs have `vdb.rs`.
 
+use crate::common::refusal;
 use crate::common::work::fixture_text;
 use assert_cmd::Command;
+use cumulo::error::Code;
 use cumulo::formats::exr;
 use cumulo::scene::film::Film;
 use predicates::prelude::PredicateBooleanExt;
@@ -296,14 +298,14 @@ fn wrong_use_and_what_cannot_be_opened_end_with_2() {
     let folder = empty.path().to_str().unwrap();
     let sound = fixture_text("exr/zip.exr");
     for command in ["info", "validate"] {
-        let cases: [(&[&str], &str); 4] = [
-            (&[], "FILE"),
-            (&[&sound, "--color"], "--color"),
-            (&["/nowhere.exr"], "/nowhere.exr"),
-            (&[folder], "the folder that holds one"),
+        let cases: [(&[&str], Code, &str); 4] = [
+            (&[], Code::Usage, "FILE"),
+            (&[&sound, "--color"], Code::Usage, "--color"),
+            (&["/nowhere.exr"], Code::NotFound, "/nowhere.exr"),
+            (&[folder], Code::Invalid, "the folder that holds one"),
         ];
-        for (arguments, expected) in cases {
-            cumulo(&[command]).args(arguments).assert().code(2).stdout(is_empty()).stderr(contains(expected));
+        for (arguments, code, fact) in cases {
+            refusal::of(&[&[command], arguments].concat(), code, &[fact]);
         }
     }
 }

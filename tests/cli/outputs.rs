@@ -31,20 +31,20 @@ fn devices_pipes_and_folders_are_refused() {
     let device = if made.status.success() { work.path("device") } else { "/dev/null".into() };
     symlink(&device, work.path("null.vdb")).unwrap();
     let device = device.to_str().unwrap();
-    for (words, expected) in [
-        (&*format!("convert cube.vdb {device}"), "device"),
-        ("convert cube.vdb null.vdb", "device"),
-        ("convert cube.vdb pipe.vdb", "pipe"),
-        ("convert cube.vdb cap", "folder"),
-        (&*format!("reconstruct density cap -o {device}"), "device"),
-        ("gradient cube.vdb --wrt density --loss mean --views 1 -o pipe.vdb", "pipe"),
-        ("transfer two.tf.json -o /dev/stdout", "device"),
-        (&*format!("render cube.vdb --views 1 -o {device}"), "folder"),
-        ("convert cube.vdb -", "standard output"),
-        ("render cube.vdb --views 1 -o -", "standard output"),
-        ("reconstruct density cap -o o.vdb --report -", "standard output"),
+    for (words, code, expected) in [
+        (&*format!("convert cube.vdb {device}"), Code::Invalid, "device"),
+        ("convert cube.vdb null.vdb", Code::Invalid, "device"),
+        ("convert cube.vdb pipe.vdb", Code::Invalid, "pipe"),
+        ("convert cube.vdb cap", Code::Invalid, "folder"),
+        (&*format!("reconstruct density cap -o {device}"), Code::Invalid, "device"),
+        ("gradient cube.vdb --wrt density --loss mean --views 1 -o pipe.vdb", Code::Invalid, "pipe"),
+        ("transfer two.tf.json -o /dev/stdout", Code::Invalid, "device"),
+        (&*format!("render cube.vdb --views 1 -o {device}"), Code::Invalid, "folder"),
+        ("convert cube.vdb -", Code::Unsupported, "standard output"),
+        ("render cube.vdb --views 1 -o -", Code::Unsupported, "standard output"),
+        ("reconstruct density cap -o o.vdb --report -", Code::Unsupported, "standard output"),
     ] {
-        work.refused(words, &[expected]);
+        work.refused(words, code, &[expected]);
     }
     assert!(std::fs::metadata(device).unwrap().file_type().is_char_device());
     assert!(std::fs::metadata(work.path("pipe.vdb")).unwrap().file_type().is_fifo());
@@ -94,7 +94,7 @@ fn inputs_are_never_replaced() {
         "pose cap --volume cube.vdb -o cap/transforms.json",
         "transfer two.tf.json -o two.tf.json",
     ] {
-        work.refused(words, &["is an input of this command", "another name"]);
+        work.refused(words, Code::OutputIsInput, &["is an input of this command", "another name"]);
     }
     // Names that end otherwise are refused before.
     for words in [
@@ -104,7 +104,7 @@ fn inputs_are_never_replaced() {
         "reconstruct tf bright --volume cube.vdb -o cube.vdb",
         "compare cap/view_000.exr cap/view_001.exr --heatmap cap/view_000.exr",
     ] {
-        work.refused(words, &["would be written"]);
+        work.refused(words, Code::OutputName, &["would be written"]);
     }
     assert_eq!(work.files(""), before);
 }
@@ -159,14 +159,14 @@ fn every_option_with_a_path_is_tried_as_an_output() {
 fn names_of_other_formats_are_refused() {
     let work = with_inputs();
     let before = work.files("");
-    work.refused("convert cube.vdb out.usd", &["OpenVDB", "usd", ".vdb"]);
-    work.refused("convert cube.vdb out.exr", &["cube.vdb", "from VDB to OpenEXR", ".npy"]);
-    work.refused("reconstruct density cap -o o.npy", &["OpenVDB", ".npy"]);
-    work.refused("render cube.vdb --views 2 -o cloud.png", &["2 views", "one picture", "--view"]);
-    work.refused("render cube.vdb --views 1 -o cloud.jpg", &["folder", ".jpg"]);
-    work.refused("render cube.vdb --views 1 -o -", &["standard output"]);
-    work.refused("reconstruct density cap -o o.vdb --report page.html", &["folder", ".html"]);
-    work.refused("viewpoint cube.vdb -o best.json --pictures shots.exr", &["folder", ".exr"]);
+    work.refused("convert cube.vdb out.usd", Code::OutputName, &["OpenVDB", "usd", ".vdb"]);
+    work.refused("convert cube.vdb out.exr", Code::Unsupported, &["cube.vdb", "from VDB to OpenEXR", ".npy"]);
+    work.refused("reconstruct density cap -o o.npy", Code::OutputName, &["OpenVDB", ".npy"]);
+    work.refused("render cube.vdb --views 2 -o cloud.png", Code::Invalid, &["2 views", "one picture", "--view"]);
+    work.refused("render cube.vdb --views 1 -o cloud.jpg", Code::OutputName, &["folder", ".jpg"]);
+    work.refused("render cube.vdb --views 1 -o -", Code::Unsupported, &["standard output"]);
+    work.refused("reconstruct density cap -o o.vdb --report page.html", Code::OutputName, &["folder", ".html"]);
+    work.refused("viewpoint cube.vdb -o best.json --pictures shots.exr", Code::OutputName, &["folder", ".exr"]);
     assert_eq!(work.files(""), before);
 }
 
@@ -174,7 +174,7 @@ fn names_of_other_formats_are_refused() {
 fn a_capture_of_another_command_is_spared() {
     let work = with_inputs();
     let before = work.files("cap");
-    work.refused("render slab.vdb --views 2 --size 8x8 -o cap", &["another capture", "--overwrite"]);
+    work.refused("render slab.vdb --views 2 --size 8x8 -o cap", Code::OutputExists, &["--overwrite"]);
     assert_eq!(work.files("cap"), before);
     // The very same command again is no surprise.
     work.json("render cube.vdb --views 4 --size 12x12 -o cap");
@@ -183,9 +183,10 @@ fn a_capture_of_another_command_is_spared() {
     // Pictures without a capture are somebody's too.
     std::fs::create_dir(work.path("lone")).unwrap();
     std::fs::copy(work.path("bright/view_000.exr"), work.path("lone/view_001.exr")).unwrap();
-    work.refused("render slab.vdb --views 2 --size 8x8 -o lone", &["view_001.exr", "--overwrite"]);
+    work.refused("render slab.vdb --views 2 --size 8x8 -o lone", Code::OutputExists, &["view_001.exr", "--overwrite"]);
     work.refused(
         "viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o best.json --pictures lone",
+        Code::OutputExists,
         &["view_001.exr", "--overwrite"],
     );
     assert_eq!(work.files("lone").len(), 1);
@@ -196,11 +197,12 @@ fn a_capture_of_another_command_is_spared() {
     let before = work.files("cap");
     for (words, what) in [("", "another capture"), ("--resume", "does not state the settings")] {
         let expected = ["cap/transforms.json", what, "--overwrite"];
-        work.refused(&format!("{search} {words} -o cap/transforms.json"), &expected);
+        work.refused(&format!("{search} {words} -o cap/transforms.json"), Code::OutputExists, &expected);
     }
-    work.refused(&format!("{search} -o fresh.json"), &["fresh.json", "another capture"]);
+    work.refused(&format!("{search} -o fresh.json"), Code::OutputExists, &["fresh.json"]);
     assert_eq!(work.files("cap"), before);
-    work.refused(&format!("{search} --resume -o fresh.json"), &["fresh.json", "other settings", "--overwrite"]);
+    let expected = ["fresh.json", "other settings", "--overwrite"];
+    work.refused(&format!("{search} --resume -o fresh.json"), Code::OutputExists, &expected);
     work.json(&format!("{search} --resume --overwrite -o fresh.json"));
     work.json(&format!("{search} --overwrite -o cap/transforms.json"));
     assert_ne!(work.files("cap"), before);

@@ -1,6 +1,7 @@
 //! `cumulo render` of single pictures: files by their names, PNGs, sizes, parts and chosen views.
 
 use crate::common::work::{Work, fixture};
+use cumulo::error::Code;
 use cumulo::formats::{exr, picture, png, transforms};
 use cumulo::scene::film::Film;
 use serde_json::json;
@@ -30,7 +31,11 @@ fn a_name_of_a_picture_is_the_picture() {
     // The same command writes it again; another one does not.
     work.json(&format!("render @plume.vdb {options} -o one.exr"));
     for name in ["one.exr", "ONE.PNG"] {
-        work.refused(&format!("render @cube.vdb --views 1 --size 8x8 -o {name}"), &[name, "--overwrite"]);
+        work.refused(
+            &format!("render @cube.vdb --views 1 --size 8x8 -o {name}"),
+            Code::OutputExists,
+            &[name, "--overwrite"],
+        );
     }
     work.json("render @cube.vdb --views 1 --size 8x8 --overwrite -o one.exr");
     // One frame, and one of several views.
@@ -40,8 +45,8 @@ fn a_name_of_a_picture_is_the_picture() {
     work.json("render @plume.vdb --views 4 --size 12x9 -o four");
     work.json("render @plume.vdb --views 4 --size 12x9 --view 2 -o two.exr");
     assert_eq!(work.picture("two.exr"), work.picture("four/view_002.exr"));
-    work.refused("render s.####.vdb --views 1 --frames 3-4 -o f.exr", &["2 frames", "--frames"]);
-    work.refused("render @cube.vdb --views 1 --exposure 1 -o a.exr", &["--exposure", "--png"]);
+    work.refused("render s.####.vdb --views 1 --frames 3-4 -o f.exr", Code::Invalid, &["2 frames", "--frames"]);
+    work.refused("render @cube.vdb --views 1 --exposure 1 -o a.exr", Code::Invalid, &["--exposure", "--png"]);
     // A folder that has such a name stays a folder.
     std::fs::create_dir(work.path("odd.png")).unwrap();
     work.json("render @cube.vdb --views 1 --size 8x8 -o odd.png");
@@ -121,7 +126,7 @@ fn parts_have_their_place_in_files_and_cameras_in_folders() {
     // Of a PNG only the part is there.
     work.json(&format!("render @plume.vdb {options} --crop 9,5,21,13 -o part.png"));
     assert_eq!(levels(&work, "part.png").len(), 3 * 12 * 8);
-    work.refused(&format!("render @plume.vdb {options} --crop 9,5,9,13 -o x"), &["--crop", "no pixel"]);
+    work.refused(&format!("render @plume.vdb {options} --crop 9,5,9,13 -o x"), Code::Usage, &["--crop", "no pixel"]);
 }
 
 /// Chosen views are those of the whole capture, noise included, and keep their numbers.
@@ -140,7 +145,7 @@ fn views_are_chosen_by_number() {
     work.json(&format!("render @plume.vdb --cameras all {lit} --view 4 -o last"));
     let same = |a: &Film, b: &Film| a.rgba.iter().zip(&b.rgba).all(|(a, b)| (a[3] - b[3]).abs() < 1.0);
     assert!(same(&work.picture("last/view_004.exr"), &work.picture("all/view_004.exr")));
-    work.refused("render @plume.vdb --cameras all --view 5 -o x", &["--view 5", "5 views", "from 0"]);
+    work.refused("render @plume.vdb --cameras all --view 5 -o x", Code::Invalid, &["--view 5", "5 views", "from 0"]);
 }
 
 #[test]
@@ -148,26 +153,26 @@ fn names_that_cannot_be_meant_are_refused_everywhere() {
     let work = Work::new();
     work.json("render @cube.vdb --views 4 --size 8x8 -o cap");
     let before = work.files("");
-    for (words, expected) in [
-        ("render @cube.vdb --views 1 -o a.nvdb", "folder"),
-        ("render @cube.vdb --views 1 -o a.usd", "folder"),
-        ("convert @cube.vdb a.png", ".png"),
-        ("convert @cube.vdb -", "standard output"),
-        ("reconstruct density cap -o a.png", ".vdb"),
-        ("reconstruct density cap -o -", "standard output"),
-        ("viewpoint @cube.vdb -o a.exr", ".json"),
-        ("viewpoint @cube.vdb -o a.json --pictures p.png", "folder"),
-        ("capture convert cap -o a.png", "folder"),
-        ("denoise cap/view_%03d.exr -o a_%03d.png", ".exr"),
-        ("denoise cap/view_%03d.exr -o -", "sequence"),
-        ("motion @cube.vdb --cameras cap -o m_%03d.vdb", ".exr"),
-        ("transfer viridis -o a.png", ".json"),
-        ("usd author @cube.vdb -o a.usdc", ".usda"),
-        ("gradient @cube.vdb --views 1 --loss mean --wrt density -o a.exr", ".vdb"),
-        ("compare cap/view_%03d.exr cap/view_%03d.exr --report a.png", "folder"),
-        ("view @cube.vdb -o a.jpg", ".png"),
+    for (words, code, expected) in [
+        ("render @cube.vdb --views 1 -o a.nvdb", Code::OutputName, "folder"),
+        ("render @cube.vdb --views 1 -o a.usd", Code::OutputName, "folder"),
+        ("convert @cube.vdb a.png", Code::Unsupported, ".png"),
+        ("convert @cube.vdb -", Code::Unsupported, "standard output"),
+        ("reconstruct density cap -o a.png", Code::OutputName, ".vdb"),
+        ("reconstruct density cap -o -", Code::Unsupported, "standard output"),
+        ("viewpoint @cube.vdb -o a.exr", Code::OutputName, ".json"),
+        ("viewpoint @cube.vdb -o a.json --pictures p.png", Code::OutputName, "folder"),
+        ("capture convert cap -o a.png", Code::OutputName, "folder"),
+        ("denoise cap/view_%03d.exr -o a_%03d.png", Code::OutputName, ".exr"),
+        ("denoise cap/view_%03d.exr -o -", Code::Invalid, "sequence"),
+        ("motion @cube.vdb --cameras cap -o m_%03d.vdb", Code::OutputName, ".exr"),
+        ("transfer viridis -o a.png", Code::OutputName, ".json"),
+        ("usd author @cube.vdb -o a.usdc", Code::OutputName, ".usda"),
+        ("gradient @cube.vdb --views 1 --loss mean --wrt density -o a.exr", Code::OutputName, ".vdb"),
+        ("compare cap/view_%03d.exr cap/view_%03d.exr --report a.png", Code::OutputName, "folder"),
+        ("view @cube.vdb -o a.jpg", Code::OutputName, ".png"),
     ] {
-        work.refused(words, &[expected]);
+        work.refused(words, code, &[expected]);
     }
     assert_eq!(work.files(""), before);
 }

@@ -1,6 +1,7 @@
 //! `cumulo plan`, and `cumulo render` by plans.
 
 use crate::common::work::{Work, fixture};
+use cumulo::error::Code;
 use serde_json::Value;
 
 const LIT: &str = "--density-scale 4 --albedo 0.9 --sun 1,1,2 --sun-color 3 --sky 0.2,0.3,0.5";
@@ -53,9 +54,13 @@ fn plans_tell_states_costs_and_bounds() {
     let straight = work.json("plan @plume.vdb --tf glow.tf.json --size 32x32");
     assert_eq!(straight["integrator"], "direct-volume-rendering");
     assert_eq!(effect(&straight, "transfer-function")["state"], "on");
-    work.refused(&format!("plan @plume.vdb {LIT} --force light-3"), &["light-3", "1 lights", "numbered"]);
-    work.refused(&format!("plan @plume.vdb {LIT} --force glow"), &["glow", "multiple-scattering"]);
-    work.refused("plan @plume.vdb --samples 4", &["--samples", "--albedo"]);
+    work.refused(
+        &format!("plan @plume.vdb {LIT} --force light-3"),
+        Code::Invalid,
+        &["light-3", "1 lights", "numbered"],
+    );
+    work.refused(&format!("plan @plume.vdb {LIT} --force glow"), Code::Usage, &["glow", "multiple-scattering"]);
+    work.refused("plan @plume.vdb --samples 4", Code::Invalid, &["--samples", "--albedo"]);
 }
 
 /// A scene file without albedo is rendered along straight rays: as the VDB by direct volume rendering.

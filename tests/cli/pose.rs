@@ -4,6 +4,7 @@ use crate::common::fields::{field, grid, lumps, noise, odd, tinted, unit};
 use crate::common::work::{self, Work, errors, interrupt, until};
 use cumulo::cancel::Cancel;
 use cumulo::differentiate::gradient::camera_jacobian::Rows;
+use cumulo::error::Code;
 use cumulo::formats::vdb::shaded;
 use cumulo::formats::{transfer, transforms};
 use cumulo::inverse::pose::normal::Frame;
@@ -427,7 +428,7 @@ fn a_search_goes_on_where_it_was_left() {
     // Motion is told from where the capture has its cameras, not from where the search went on.
     assert!((on["cameras"][0]["rotated_degrees"].as_f64().unwrap() - 2.0).abs() < 0.1, "{on}");
     work.json("render a.vdb --views 3 --size 32x32 -o other");
-    work.refused("pose other --volume a.vdb -o c/found.json --resume", &["c/found.json", "--resume"]);
+    work.refused("pose other --volume a.vdb -o c/found.json --resume", Code::Invalid, &["c/found.json", "--resume"]);
 }
 
 #[test]
@@ -436,21 +437,21 @@ fn what_cannot_be_used_is_named() {
     work.write("a.vdb", &[&lumpy()]);
     work.write("empty.vdb", &[&Grid { leaves: vec![], ..grid(8, unit(), |_| 0.0) }]);
     work.json("render a.vdb --views 2 --size 16x16 -o c");
-    work.refused("pose none --volume a.vdb -o o.json", &["none", "transforms.json"]);
-    work.refused("pose c --volume none.vdb -o o.json", &["none.vdb"]);
-    work.refused("pose c --volume empty.vdb -o o.json", &["empty.vdb", "empty", "--grid"]);
-    work.refused("pose c --volume a.vdb -o none/o.json", &["none/o.json", "folder"]);
-    work.refused("pose c --volume a.vdb -o o.json --tf none.json", &["none.json"]);
-    work.refused("pose c -o o.json", &["--volume"]);
+    work.refused("pose none --volume a.vdb -o o.json", Code::NotFound, &["none", "transforms.json"]);
+    work.refused("pose c --volume none.vdb -o o.json", Code::NotFound, &["none.vdb"]);
+    work.refused("pose c --volume empty.vdb -o o.json", Code::EmptyGrid, &["empty.vdb", "empty", "--grid"]);
+    work.refused("pose c --volume a.vdb -o none/o.json", Code::NotFound, &["none/o.json"]);
+    work.refused("pose c --volume a.vdb -o o.json --tf none.json", Code::NotFound, &["none.json"]);
+    work.refused("pose c -o o.json", Code::Usage, &["--volume"]);
     let mut shaded = transforms::load(&work.path("c")).unwrap();
     shaded.model = Model::PreShaded;
     transforms::save(&work.path("c/shaded.json"), &shaded, &Map::new()).unwrap();
-    work.refused("pose c/shaded.json --volume a.vdb -o o.json", &["a.vdb", "'emission'", "vec3s"]);
+    work.refused("pose c/shaded.json --volume a.vdb -o o.json", Code::Invalid, &["a.vdb", "'emission'", "vec3s"]);
     let mut capture = transforms::load(&work.path("c")).unwrap();
     capture.frames[1].camera.width = 17;
     transforms::save(&work.path("c/wide.json"), &capture, &Map::new()).unwrap();
-    work.refused("pose c/wide.json --volume a.vdb -o o.json", &["view_001.exr", "16x16", "17x16"]);
+    work.refused("pose c/wide.json --volume a.vdb -o o.json", Code::Invalid, &["view_001.exr", "16x16", "17x16"]);
     std::fs::remove_file(work.path("c/view_000.exr")).unwrap();
-    work.refused("pose c --volume a.vdb -o o.json", &["view_000.exr"]);
+    work.refused("pose c --volume a.vdb -o o.json", Code::NotFound, &["view_000.exr"]);
     assert!(!work.path("o.json").exists());
 }

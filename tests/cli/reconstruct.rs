@@ -1,6 +1,7 @@
 //! `cumulo reconstruct density` and `cumulo report`: what comes out, and how they end.
 
 use crate::common::work::{Work, density, errors, fixture, interrupt, number, until};
+use cumulo::error::Code;
 use cumulo::formats::transforms;
 use cumulo::inverse::refinement::gauge;
 use cumulo::math::Aabb;
@@ -42,8 +43,8 @@ fn the_plume_comes_back_where_it_was() {
     work.json("report page --reference @plume.vdb --beside Again=again");
     let second = page();
     assert!(second.contains("Volume PSNR") && second.contains("Again") && second.len() > first.len());
-    work.refused("report cap", &["run.json", "cumulo reconstruct --report"]);
-    work.refused("report page --beside nonsense", &["NAME=CAPTURE"]);
+    work.refused("report cap", Code::NotFound, &["run.json", "cumulo reconstruct --report"]);
+    work.refused("report page --beside nonsense", Code::Usage, &["NAME=CAPTURE"]);
 }
 
 /// Of pictures only transmittances are kept, and a few of them tell what all will cost before they are read. Measured: a
@@ -67,7 +68,8 @@ fn many_pixels_cost_little_memory() {
     // Pictures are not read where they alone do not fit.
     work.refused(
         "reconstruct density cap -o no.vdb --max-memory 300M",
-        &["17825792 pixels do not fit", "--max-memory"],
+        Code::MemoryLimit,
+        &["17825792 pixels", "--max-memory"],
     );
 }
 
@@ -177,15 +179,15 @@ fn the_papers_recipe_serves_what_is_not_linear() {
     let report = work.json(&format!("reconstruct density glow -o glow.vdb {SMALL}"));
     assert_eq!(report["solver"], "weiss2021");
     assert!(work.volume_psnr("glow.vdb") > 17.0);
-    work.refused("reconstruct density glow -o x.vdb --solver cg", &["--solver weiss2021"]);
+    work.refused("reconstruct density glow -o x.vdb --solver cg", Code::Unsupported, &["--solver weiss2021"]);
     let variation = |weight: &str| {
         work.json(&format!("reconstruct density cap -o tv.vdb --solver weiss2021 --prior tv={weight} {SMALL}"));
         work.volume_psnr("tv.vdb")
     };
     let [little, much] = ["0.01", "30"].map(variation);
     assert!(little > 18.0 && much < little - 3.0, "{little} {much}");
-    work.refused("reconstruct density cap -o x.vdb --prior tv=1", &["--prior", "--smoothing"]);
-    work.refused("reconstruct density cap -o x.vdb --prior tf=1", &["tf=1", "tv=WEIGHT"]);
+    work.refused("reconstruct density cap -o x.vdb --prior tv=1", Code::Invalid, &["--prior", "--smoothing"]);
+    work.refused("reconstruct density cap -o x.vdb --prior tf=1", Code::Usage, &["tf=1", "tv=WEIGHT"]);
 }
 
 #[test]
@@ -432,27 +434,33 @@ fn the_prior_suits_the_noise() {
 #[test]
 fn wrong_use_is_refused_with_words() {
     let work = with_pictures(12, 16);
-    let refused = |words: &str, expected: &[&str]| work.refused(&format!("reconstruct density {words}"), expected);
-    refused("cap", &["--output"]);
-    refused("cap -o none/found.vdb", &["none/found.vdb", "folder must exist"]);
-    refused("cap -o cap", &["cap", "folder"]);
-    refused("none -o x.vdb", &["none", "transforms.json"]);
-    refused("cap -o x.vdb --held-out 12", &["--held-out 12", "12 views"]);
-    refused("cap -o x.vdb --voxel-size 0", &["above zero"]);
-    refused("cap -o x.vdb --voxel-size 1 --resolution 3", &["cannot be used with"]);
-    refused("cap -o x.vdb --bounds 0,0,0,1", &["six are needed"]);
-    refused("cap -o x.vdb --bounds 90,90,90,91,91,91", &["--bounds"]);
-    refused("cap -o x.vdb --solver magic", &["magic", "weiss2021"]);
-    refused("cap -o x.vdb --layer Z", &["Z"]);
-    refused("cap -o x.vdb --cameras c.json", &["--refine-cameras"]);
-    refused("cap -o x.vdb --refine-cameras --cameras c.vdb", &["c.vdb", ".json"]);
-    refused("cap -o x.vdb --refine-cameras --cameras p/run.json --report p", &["run.json", "--cameras another name"]);
-    refused("cap -o x.vdb --refine-cameras --resume", &["cannot be used with"]);
-    refused("cap -o x.vdb --init @sphere_level_set.vdb", &["level set", "fog"]);
-    refused("cap -o x.vdb --init x.vdb --resume", &["cannot be used with"]);
-    refused("cap -o x.vdb --voxel-size 1e-7", &["do not fit in memory", "--voxel-size"]);
-    refused("cap -o x.vdb --max-memory 1K", &["--max-memory"]);
-    refused("cap -o x.vdb --report cap/view_000.exr", &["view_000.exr"]);
+    let refused = |words: &str, code: Code, facts: &[&str]| {
+        work.refused(&format!("reconstruct density {words}"), code, facts);
+    };
+    refused("cap", Code::Usage, &["--output"]);
+    refused("cap -o none/found.vdb", Code::NotFound, &["none/found.vdb"]);
+    refused("cap -o cap", Code::Invalid, &["cap", "folder"]);
+    refused("none -o x.vdb", Code::NotFound, &["none", "transforms.json"]);
+    refused("cap -o x.vdb --held-out 12", Code::Invalid, &["--held-out 12", "12 views"]);
+    refused("cap -o x.vdb --voxel-size 0", Code::Usage, &["--voxel-size"]);
+    refused("cap -o x.vdb --voxel-size 1 --resolution 3", Code::Usage, &["--voxel-size", "--resolution"]);
+    refused("cap -o x.vdb --bounds 0,0,0,1", Code::Usage, &["--bounds"]);
+    refused("cap -o x.vdb --bounds 90,90,90,91,91,91", Code::Invalid, &["--bounds"]);
+    refused("cap -o x.vdb --solver magic", Code::Usage, &["magic", "weiss2021"]);
+    refused("cap -o x.vdb --layer Z", Code::NoSuchLayer, &["Z"]);
+    refused("cap -o x.vdb --cameras c.json", Code::Usage, &["--refine-cameras"]);
+    refused("cap -o x.vdb --refine-cameras --cameras c.vdb", Code::OutputName, &["c.vdb", ".json"]);
+    refused(
+        "cap -o x.vdb --refine-cameras --cameras p/run.json --report p",
+        Code::Invalid,
+        &["run.json", "--cameras another name"],
+    );
+    refused("cap -o x.vdb --refine-cameras --resume", Code::Usage, &["--refine-cameras", "--resume"]);
+    refused("cap -o x.vdb --init @sphere_level_set.vdb", Code::Unsupported, &["level set", "fog"]);
+    refused("cap -o x.vdb --init x.vdb --resume", Code::Usage, &["--init", "--resume"]);
+    refused("cap -o x.vdb --voxel-size 1e-7", Code::MemoryLimit, &["do not fit in memory", "--voxel-size"]);
+    refused("cap -o x.vdb --max-memory 1K", Code::Invalid, &["--max-memory"]);
+    refused("cap -o x.vdb --report cap/view_000.exr", Code::Invalid, &["view_000.exr"]);
     assert!(!work.path("x.vdb").exists());
 }
 
@@ -465,17 +473,17 @@ fn pictures_that_show_nothing_are_refused() {
             film.rgba.fill([f32::NAN; 4]);
         }
     });
-    work.refused(words, &["view_003.exr", "NaN"]);
+    work.refused(words, Code::Invalid, &["view_003.exr", "NaN"]);
     work.edit("cap", |_, film| film.rgba.fill([1.0, 1.0, 1.0, 0.0]));
-    work.refused(words, &["every picture is empty", "background"]);
+    work.refused(words, Code::Invalid, &["every picture is empty", "background"]);
     std::fs::remove_file(work.path("cap/view_005.exr")).unwrap();
-    work.refused(words, &["view_005.exr"]);
+    work.refused(words, Code::NotFound, &["view_005.exr"]);
 
     let one = with_pictures(1, 16);
-    one.refused(words, &["do not bound a region", "--bounds"]);
+    one.refused(words, Code::Invalid, &["do not bound a region", "--bounds"]);
     // A smaller picture under a camera of another size.
     let work = with_pictures(8, 16);
     work.json("render @plume.vdb --views 8 --size 20x20 -o other");
     std::fs::copy(work.path("other/view_002.exr"), work.path("cap/view_002.exr")).unwrap();
-    work.refused(words, &["view_002.exr", "20x20", "16x16"]);
+    work.refused(words, Code::Invalid, &["view_002.exr", "20x20", "16x16"]);
 }

@@ -1,6 +1,7 @@
 //! `cumulo reconstruct tf`: the function that pictures were made with, and how runs end.
 
 use crate::common::work::{Work, number};
+use cumulo::error::Code;
 use cumulo::formats::transfer::{Options, load};
 use cumulo::scene::table::Table;
 use serde_json::json;
@@ -80,9 +81,9 @@ fn the_page_is_made_again_beside_the_truth() {
     assert!(number(&report["transfer"], "extinction_rms") < 0.05, "{report}");
     assert!(number(&report["transfer"], "color_rms") < 0.05, "{report}");
     assert!(page().contains("extinction, reference") && page().contains("again"));
-    work.refused("report page --reference none.tf.json", &["none.tf.json"]);
+    work.refused("report page --reference none.tf.json", Code::NotFound, &["none.tf.json"]);
     std::fs::remove_file(work.path("found.tf.json")).unwrap();
-    work.refused("report page", &["found.tf.json"]);
+    work.refused("report page", Code::NotFound, &["found.tf.json"]);
 }
 
 #[test]
@@ -122,13 +123,21 @@ fn runs_are_the_same_for_any_number_of_threads_and_go_on() {
 fn what_cannot_be_done_is_said() {
     let work = with_pictures(2, 16);
     work.json("render @plume.vdb --views 2 --size 16x16 -o dark");
-    work.refused("reconstruct tf dark --volume @plume.vdb -o x.tf.json", &["absorption alone", "emission-absorption"]);
-    work.refused("reconstruct tf cap --volume @none.vdb -o x.tf.json", &["none.vdb"]);
-    work.refused("reconstruct tf cap --volume @plume.vdb -o nowhere/x.tf.json", &["nowhere"]);
-    work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json --held-out 2", &["leaves none of the 2 views"]);
-    work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json --texels 1", &["2..=1024"]);
-    work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json --domain 1,0", &["1,0"]);
+    work.refused(
+        "reconstruct tf dark --volume @plume.vdb -o x.tf.json",
+        Code::Unsupported,
+        &["absorption alone", "emission-absorption"],
+    );
+    work.refused("reconstruct tf cap --volume @none.vdb -o x.tf.json", Code::NotFound, &["none.vdb"]);
+    work.refused("reconstruct tf cap --volume @plume.vdb -o nowhere/x.tf.json", Code::NotFound, &["nowhere"]);
+    work.refused(
+        "reconstruct tf cap --volume @plume.vdb -o x.tf.json --held-out 2",
+        Code::Invalid,
+        &["leaves none of the 2 views"],
+    );
+    work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json --texels 1", Code::Usage, &["2..=1024"]);
+    work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json --domain 1,0", Code::Usage, &["1,0"]);
     work.edit("cap", |_, film| film.rgba.fill([f32::NAN; 4]));
-    work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json", &["no pixel", "finite"]);
+    work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json", Code::Contradiction, &["no pixel", "finite"]);
     assert!(!work.path("x.tf.json").exists());
 }

@@ -3,6 +3,7 @@
 use crate::common::fields::{self, tinted, unit};
 use crate::common::work::{Work, density, errors, fixture, interrupt, until};
 use cumulo::cancel::Cancel;
+use cumulo::error::Code;
 use cumulo::formats::vdb::shaded;
 use cumulo::formats::{exr, transforms};
 use cumulo::render::dvr::Dvr;
@@ -170,7 +171,7 @@ fn early_stops_say_what_they_may_cost() {
     }
     let text = std::fs::read_to_string(work.path("o/transforms.json")).unwrap();
     assert!(text.contains("\"early_stop\"") && text.contains("\"transmittance\""), "{text}");
-    work.refused("render @plume.vdb --views 1 --early-stop 1 -o o", &["below 1"]);
+    work.refused("render @plume.vdb --views 1 --early-stop 1 -o o", Code::Usage, &["below 1"]);
 }
 
 /// The bound of the quadrature is that of the picture, not of the density, and rules without one say so.
@@ -199,6 +200,7 @@ fn density_scales_beyond_single_precision_are_refused() {
     shaded::write(&work.path("s.vdb"), &tinted::<f32>(16, 0.5, unit()), &[], &BTreeMap::new()).unwrap();
     work.refused(
         "render s.vdb --model pre-shaded --views 1 --density-scale 1e39 -o o",
+        Code::Invalid,
         &["s.vdb", "1e39", "single precision"],
     );
 }
@@ -256,19 +258,27 @@ fn a_run_that_fails_leaves_the_earlier_capture() {
     work.write("nan.vdb", &[&fields::grid(8, unit(), |p| if p == DVec3::ONE { f64::NAN } else { 1.0 })]);
     work.write("negative.vdb", &[&fields::grid(8, unit(), |_| -1.0)]);
     let before = work.files("cap");
-    for (words, expected) in [
-        ("@sphere_level_set.vdb --views 3", &["sphere_level_set.vdb", "'surface'", "level set", "fog"][..]),
-        ("@plume.vdb --views 3 --grid heat", &["plume.vdb", "no grid 'heat'", "'density'"]),
-        ("@kinds.vdb --views 3 --grid velocity", &["kinds.vdb", "velocity"]),
-        ("empty.vdb --views 3", &["empty.vdb", "the grid is empty", "--cameras"]),
-        ("empty.vdb --cameras cap --density-scale auto", &["empty.vdb", "no pixel meets any density"]),
-        ("nan.vdb --views 3", &["nan.vdb", "'density'", "1 values are NaN", "--repair"]),
-        ("negative.vdb --views 3", &["negative.vdb", "512 values are negative;"]),
-        ("none.vdb --views 3", &["none.vdb", "No such file"]),
-        ("@plume.vdb --cameras elsewhere", &["elsewhere", "transforms.json"]),
-        ("@plume.vdb --views 1 --size 65536x65536 --max-memory 1G", &["65536x65536", "--size", "--max-memory"]),
+    for (words, code, expected) in [
+        (
+            "@sphere_level_set.vdb --views 3",
+            Code::Unsupported,
+            &["sphere_level_set.vdb", "'surface'", "level set", "fog"][..],
+        ),
+        ("@plume.vdb --views 3 --grid heat", Code::NoSuchGrid, &["plume.vdb", "no grid 'heat'", "'density'"]),
+        ("@kinds.vdb --views 3 --grid velocity", Code::Unsupported, &["kinds.vdb", "velocity"]),
+        ("empty.vdb --views 3", Code::EmptyGrid, &["empty.vdb", "the grid is empty", "--cameras"]),
+        ("empty.vdb --cameras cap --density-scale auto", Code::Invalid, &["empty.vdb", "no pixel meets any density"]),
+        ("nan.vdb --views 3", Code::Invalid, &["nan.vdb", "'density'", "1 values are NaN", "--repair"]),
+        ("negative.vdb --views 3", Code::Invalid, &["negative.vdb", "512 values are negative;"]),
+        ("none.vdb --views 3", Code::NotFound, &["none.vdb", "No such file"]),
+        ("@plume.vdb --cameras elsewhere", Code::NotFound, &["elsewhere", "transforms.json"]),
+        (
+            "@plume.vdb --views 1 --size 65536x65536 --max-memory 1G",
+            Code::MemoryLimit,
+            &["65536x65536", "--size", "--max-memory"],
+        ),
     ] {
-        work.refused(&format!("render {words} -o cap"), expected);
+        work.refused(&format!("render {words} -o cap"), code, expected);
         assert!(work.files("cap") == before, "{words}: the capture has changed");
     }
     // An empty grid from given cameras is a picture of nothing.
@@ -285,7 +295,7 @@ fn pictures_in_another_folder_are_not_replaced() {
     let text = std::fs::read_to_string(work.path("shots/transforms.json")).unwrap();
     std::fs::write(work.path("scene/transforms.json"), text.replace("view_", "../shots/view_")).unwrap();
     let before = work.files("shots");
-    work.refused("render @plume.vdb --cameras scene -o shots", &["an input of this command", "another name"]);
+    work.refused("render @plume.vdb --cameras scene -o shots", Code::OutputIsInput, &["view_000.exr"]);
     assert!(work.files("shots") == before);
 }
 
@@ -306,36 +316,40 @@ fn an_interrupted_run_leaves_the_earlier_capture() {
 fn wrong_use_ends_with_2() {
     let work = Work::new();
     std::fs::write(work.path("file"), "").unwrap();
-    for (words, expected) in [
-        ("-o x", &["--views", "--cameras"][..]),
-        ("--views 2 --cameras cap -o x", &["cannot be used with"]),
-        ("--views 2", &["--output"]),
-        ("--views 0 -o x", &["1..=100000"]),
-        ("--views two -o x", &["two"]),
-        ("--views 2 --view 2 -o x", &["--view 2", "2 views"]),
-        ("--views 2 --view 3-1 -o x", &["--view", "empty"]),
-        ("--views 2 --exposure 100 -o x", &["-60 to 60"]),
-        ("--views 2 -o x.png", &["2 views", "one picture", "--view"]),
-        ("--views 2 --layout spiral -o x", &["sphere", "ring"]),
-        ("--views 2 --size 0x8 -o x", &["WIDTHxHEIGHT"]),
-        ("--views 2 --size 8 -o x", &["WIDTHxHEIGHT"]),
-        ("--views 2 --size 8x70000 -o x", &["65536"]),
-        ("--views 2 --fov 180 -o x", &["170"]),
-        ("--views 2 --quadrature euler:1 -o x", &["preintegrated:TOLERANCE", "midpoint:STEP or riemann:STEP"]),
-        ("--views 2 --quadrature midpoint:0 -o x", &["0.001..1000"]),
-        ("--views 2 --density-scale 0 -o x", &["above zero"]),
-        ("--views 2 --density-scale nan -o x", &["finite"]),
-        ("--views 2 --background 1,2 -o x", &["three"]),
-        ("--views 2 --emission=-1,0,0 -o x", &["must not be negative"]),
-        ("--views 2 --model clouds -o x", &["absorption"]),
-        ("--views 2 --supersample 0 -o x", &["1..=64"]),
-        ("--views 2 --threads 0 -o x", &["--threads 0", "from 1 to 1024"]),
-        ("--views 2 --max-memory lots -o x", &["4G"]),
-        ("--views 2 -o file", &["file", "folder"]),
-        ("--views 2 -o file/x", &["file/x", "folder"]),
-        ("--views 2 -o /proc/cumulo", &["/proc/cumulo", "folder"]),
+    for (words, code, expected) in [
+        ("-o x", Code::Invalid, &["--views", "--cameras"][..]),
+        ("--views 2 --cameras cap -o x", Code::Usage, &["cannot be used with"]),
+        ("--views 2", Code::Usage, &["--output"]),
+        ("--views 0 -o x", Code::Usage, &["1..=100000"]),
+        ("--views two -o x", Code::Usage, &["two"]),
+        ("--views 2 --view 2 -o x", Code::Invalid, &["--view 2", "2 views"]),
+        ("--views 2 --view 3-1 -o x", Code::Usage, &["--view", "empty"]),
+        ("--views 2 --exposure 100 -o x", Code::Usage, &["-60 to 60"]),
+        ("--views 2 -o x.png", Code::Invalid, &["2 views", "one picture", "--view"]),
+        ("--views 2 --layout spiral -o x", Code::Usage, &["sphere", "ring"]),
+        ("--views 2 --size 0x8 -o x", Code::Usage, &["WIDTHxHEIGHT"]),
+        ("--views 2 --size 8 -o x", Code::Usage, &["WIDTHxHEIGHT"]),
+        ("--views 2 --size 8x70000 -o x", Code::Usage, &["65536"]),
+        ("--views 2 --fov 180 -o x", Code::Usage, &["170"]),
+        (
+            "--views 2 --quadrature euler:1 -o x",
+            Code::Usage,
+            &["preintegrated:TOLERANCE", "midpoint:STEP or riemann:STEP"],
+        ),
+        ("--views 2 --quadrature midpoint:0 -o x", Code::Usage, &["0.001..1000"]),
+        ("--views 2 --density-scale 0 -o x", Code::Usage, &["above zero"]),
+        ("--views 2 --density-scale nan -o x", Code::Usage, &["finite"]),
+        ("--views 2 --background 1,2 -o x", Code::Usage, &["three"]),
+        ("--views 2 --emission=-1,0,0 -o x", Code::Usage, &["must not be negative"]),
+        ("--views 2 --model clouds -o x", Code::Usage, &["absorption"]),
+        ("--views 2 --supersample 0 -o x", Code::Usage, &["1..=64"]),
+        ("--views 2 --threads 0 -o x", Code::Invalid, &["--threads 0", "from 1 to 1024"]),
+        ("--views 2 --max-memory lots -o x", Code::Usage, &["4G"]),
+        ("--views 2 -o file", Code::Invalid, &["file", "folder"]),
+        ("--views 2 -o file/x", Code::NotFound, &["file/x", "folder"]),
+        ("--views 2 -o /proc/cumulo", Code::NotFound, &["/proc/cumulo", "folder"]),
     ] {
-        work.refused(&format!("render @cube.vdb {words}"), expected);
+        work.refused(&format!("render @cube.vdb {words}"), code, expected);
     }
     assert!(!work.path("x").exists(), "nothing is begun");
 }
@@ -346,7 +360,11 @@ fn the_pictures_of_the_given_cameras_are_not_replaced() {
     work.json("render @plume.vdb --views 2 --size 8x8 -o cap");
     let before = work.files("cap");
     for (cameras, out) in [("cap", "cap"), ("cap/transforms.json", "cap/../cap")] {
-        work.refused(&format!("render @plume.vdb --cameras {cameras} -o {out}"), &["an input of this command"]);
+        work.refused(
+            &format!("render @plume.vdb --cameras {cameras} -o {out}"),
+            Code::OutputIsInput,
+            &["view_000.exr"],
+        );
     }
     assert!(work.files("cap") == before);
 }
@@ -395,8 +413,8 @@ fn planes_come_with_the_picture() {
         assert!((depth - expected).abs() < 1e-4, "{i}: {depth} {expected}");
     }
     assert!(varied > 200, "{varied}");
-    work.refused(&format!("{words} -o no --aov variance"), &["--aov variance", "--supersample"]);
-    work.refused(&format!("{words} -o no --aov nothing"), &["nothing", "optical-depth"]);
+    work.refused(&format!("{words} -o no --aov variance"), Code::Invalid, &["--aov variance", "--supersample"]);
+    work.refused(&format!("{words} -o no --aov nothing"), Code::Usage, &["nothing", "optical-depth"]);
 }
 
 /// Pictures in which nothing is to be seen say why.
@@ -459,7 +477,7 @@ fn the_same_settings_are_written_in_many_ways() {
     }
     let before = work.files("shots");
     for other in ["--seed 1", "--clamp 3", "--background 1", "--max-bounces 2", "--anisotropy 0.1", "--fov 41"] {
-        work.refused(&format!("{again} {other}"), &["another capture", "--overwrite"]);
+        work.refused(&format!("{again} {other}"), Code::OutputExists, &["--overwrite"]);
     }
     assert_eq!(work.files("shots"), before);
     let odd = OsString::from_vec(b"b\xffad.vdb".to_vec());

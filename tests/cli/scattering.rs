@@ -1,6 +1,7 @@
 //! `cumulo render` by path tracing: options, scene files, planes, and what is refused.
 
 use crate::common::work::{self, Work, errors, fixture};
+use cumulo::error::Code;
 use cumulo::formats::exr;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::{Codec, write_grids};
@@ -131,9 +132,9 @@ fn parts_of_pictures_are_the_same() {
         assert_eq!(work.picture(&format!("{name}-again/view_001.exr")).rgba.len(), 12 * 8);
     }
     let render = "render @plume.vdb --views 1 --size 24x20 -o out";
-    work.refused(&format!("{render} --crop 20,0,5x5"), &["20,0,5x5", "24x20"]);
-    work.refused(&format!("{render} --crop 4294967295,0,5x5"), &["4294967295"]);
-    work.refused(&format!("{render} --crop 1,2"), &["--crop", "64,32,128x128"]);
+    work.refused(&format!("{render} --crop 20,0,5x5"), Code::Invalid, &["20,0,5x5", "24x20"]);
+    work.refused(&format!("{render} --crop 4294967295,0,5x5"), Code::Invalid, &["4294967295"]);
+    work.refused(&format!("{render} --crop 1,2"), Code::Usage, &["--crop", "64,32,128x128"]);
 }
 
 /// Clamping takes from the scattered light what the report says, and nothing from what is seen straight.
@@ -155,7 +156,7 @@ fn clamped_pictures_tell_what_they_lost() {
     let unlimited = work.json(&format!("{render} --clamp 1e9 -o same"));
     assert_eq!(unlimited["paths"]["clamp"]["lost_radiance"], 0.0);
     assert_eq!(whole, work.picture("same/view_000.exr"));
-    work.refused("render @plume.vdb --views 1 --clamp 1 -o no", &["--clamp", "--albedo"]);
+    work.refused("render @plume.vdb --views 1 --clamp 1 -o no", Code::Invalid, &["--clamp", "--albedo"]);
 }
 
 /// Planes are there by name, and add up: direct and indirect light and what is seen through the volume are the picture.
@@ -195,41 +196,48 @@ fn planes_add_up() {
 fn what_cannot_be_scattered_is_refused_with_words() {
     let work = Work::new();
     let render = "render @plume.vdb --views 1 --size 8x8 -o out";
-    for (options, expected) in [
-        ("--sun 1,0,0", &["--albedo"][..]),
-        ("--albedo 1.2", &["--albedo", "0 to 1"]),
-        ("--albedo 0.5 --sun 0,0,0", &["no direction"]),
-        ("--albedo 0.5 --sun 0,0,1 --sun-angle 200", &["200", "0 to 180"]),
-        ("--albedo 0.5 --anisotropy 1", &["anisotropy", "0.999"]),
-        ("--albedo 0.5 --samples 0", &["--samples"]),
-        ("--albedo 0.5 --quadrature exact", &["--quadrature"]),
-        ("--albedo 0.5 --samples 1 --aov halves", &["halves", "--samples 16"]),
-        ("--aov depth", &["depth", "--albedo"]),
-        ("--samples 4", &["--samples", "--albedo"]),
-        ("--model scattering", &["--albedo"]),
+    for (options, code, expected) in [
+        ("--sun 1,0,0", Code::Usage, &["--albedo"][..]),
+        ("--albedo 1.2", Code::Usage, &["--albedo", "0 to 1"]),
+        ("--albedo 0.5 --sun 0,0,0", Code::Usage, &["no direction"]),
+        ("--albedo 0.5 --sun 0,0,1 --sun-angle 200", Code::Invalid, &["200", "0 to 180"]),
+        ("--albedo 0.5 --anisotropy 1", Code::Usage, &["anisotropy", "0.999"]),
+        ("--albedo 0.5 --samples 0", Code::Usage, &["--samples"]),
+        ("--albedo 0.5 --quadrature exact", Code::Usage, &["--quadrature"]),
+        ("--albedo 0.5 --samples 1 --aov halves", Code::Invalid, &["halves", "--samples 16"]),
+        ("--aov depth", Code::Invalid, &["depth", "--albedo"]),
+        ("--samples 4", Code::Invalid, &["--samples", "--albedo"]),
+        ("--model scattering", Code::Invalid, &["--albedo"]),
     ] {
-        work.refused(&format!("{render} {options}"), expected);
+        work.refused(&format!("{render} {options}"), code, expected);
     }
     assert!(!work.path("out").exists());
     let volume = format!(r#"{{"file": {:?}}}"#, fixture("plume.vdb"));
-    for (scene, expected) in [
-        ("{}", &["scene.json", "volumes", "cumulo schema scene"][..]),
-        (r#"{"volumes": []}"#, &["at least one"]),
-        (r#"{"volumes": [{"file": "none.vdb"}]}"#, &["none.vdb"]),
-        (r#"{"volumes": [{"file": "a.vdb", "colour": 1}]}"#, &["colour"]),
-        (&format!(r#"{{"volumes": [{volume}], "lights": [{{"type": "Lamp"}}]}}"#), &["Lamp", "DistantLight"]),
+    for (scene, code, expected) in [
+        ("{}", Code::Invalid, &["scene.json", "volumes", "cumulo schema scene"][..]),
+        (r#"{"volumes": []}"#, Code::Invalid, &["at least one"]),
+        (r#"{"volumes": [{"file": "none.vdb"}]}"#, Code::NotFound, &["none.vdb"]),
+        (r#"{"volumes": [{"file": "a.vdb", "colour": 1}]}"#, Code::Invalid, &["colour"]),
+        (
+            &format!(r#"{{"volumes": [{volume}], "lights": [{{"type": "Lamp"}}]}}"#),
+            Code::Invalid,
+            &["Lamp", "DistantLight"],
+        ),
         (
             &format!(
                 r#"{{"volumes": [{volume}], "lights": [{{"type": "SphereLight", "centre": [0, 0, 0], "radius": 0, "radiance": [1, 1, 1]}}]}}"#
             ),
+            Code::Invalid,
             &["light 0", "radius"],
         ),
         (
             &format!(r#"{{"volumes": [{volume}], "lights": [{{"type": "DomeLight", "radiance": [-1, 0, 0]}}]}}"#),
+            Code::Invalid,
             &["DomeLight"],
         ),
         (
             &format!(r#"{{"volumes": [{}, "medium": {{"albedo": [2, 0, 0]}}}}]}}"#, volume.trim_end_matches('}')),
+            Code::Invalid,
             &["volume 0", "albedo"],
         ),
         (
@@ -237,6 +245,7 @@ fn what_cannot_be_scattered_is_refused_with_words() {
                 r#"{{"volumes": [{}, "transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]}}]}}"#,
                 volume.trim_end_matches('}')
             ),
+            Code::Invalid,
             &["scene.json", "volume 0", "transform is singular"],
         ),
         (
@@ -244,23 +253,28 @@ fn what_cannot_be_scattered_is_refused_with_words() {
                 r#"{{"volumes": [{}, "transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1, 1]]}}]}}"#,
                 volume.trim_end_matches('}')
             ),
+            Code::Unsupported,
             &["volume 0", "perspective"],
         ),
     ] {
         std::fs::write(work.path("scene.json"), scene).unwrap();
-        work.refused("render scene.json --views 1 --size 8x8 -o out", expected);
+        work.refused("render scene.json --views 1 --size 8x8 -o out", code, expected);
     }
-    for (medium, expected) in [
-        (r#"{"emission_grid": {"grid": "flame"}}"#, &["flame", "density"][..]),
-        (r#"{"blackbody": {}}"#, &["temperature"]),
-        (r#"{"blackbody": {"grid": "density", "kelvin": -1}}"#, &["volume 0", "-1 K"]),
-        (r#"{"emission": [1, 0, 0], "emission_grid": {"grid": "density"}}"#, &["plume.vdb", "leave 'emission'"]),
-        (r#"{"extinction_color": [0, 0, 0]}"#, &["volume 0", "extinction color"]),
+    for (medium, code, expected) in [
+        (r#"{"emission_grid": {"grid": "flame"}}"#, Code::NoSuchGrid, &["flame", "density"][..]),
+        (r#"{"blackbody": {}}"#, Code::NoSuchGrid, &["temperature"]),
+        (r#"{"blackbody": {"grid": "density", "kelvin": -1}}"#, Code::Invalid, &["volume 0", "-1 K"]),
+        (
+            r#"{"emission": [1, 0, 0], "emission_grid": {"grid": "density"}}"#,
+            Code::Unsupported,
+            &["plume.vdb", "leave 'emission'"],
+        ),
+        (r#"{"extinction_color": [0, 0, 0]}"#, Code::Invalid, &["volume 0", "extinction color"]),
     ] {
         let volume = volume.trim_end_matches('}');
         let scene = format!(r#"{{"volumes": [{volume}, "medium": {medium}}}]}}"#);
         std::fs::write(work.path("scene.json"), scene).unwrap();
-        work.refused("render scene.json --views 1 --size 8x8 -o out", expected);
+        work.refused("render scene.json --views 1 --size 8x8 -o out", code, expected);
     }
     std::fs::write(work.path("scene.json"), format!(r#"{{"volumes": [{volume}]}}"#)).unwrap();
     for (option, name) in
@@ -268,13 +282,14 @@ fn what_cannot_be_scattered_is_refused_with_words() {
     {
         work.refused(
             &format!("render scene.json --views 1 --size 8x8 -o out {option}"),
+            Code::Invalid,
             &[name, "states its own media"],
         );
     }
-    work.refused("info scene.json", &["scene file", "cumulo render"]);
+    work.refused("info scene.json", Code::Invalid, &["scene file", "cumulo render"]);
     // No function tells scattered light.
     work.json(&format!("render @plume.vdb --views 4 --size 8x8 --samples 2 {LIT} -o lit"));
-    work.refused("reconstruct tf lit --volume @plume.vdb -o found.tf.json", &["scattered light"]);
+    work.refused("reconstruct tf lit --volume @plume.vdb -o found.tf.json", Code::Unsupported, &["scattered light"]);
 }
 
 /// Alpha over a colored extinction is a mean of transmittances, and was taken for one; a function was fitted to
@@ -297,6 +312,7 @@ fn what_alpha_and_functions_do_not_tell_is_refused() {
         for what in ["density", "color"] {
             work.refused(
                 &format!("reconstruct {what} {capture} -o found.vdb"),
+                Code::Unsupported,
                 &[
                     format!("{capture}/transforms.json").as_str(),
                     "differs by channel",
@@ -309,6 +325,7 @@ fn what_alpha_and_functions_do_not_tell_is_refused() {
     render("@plume.vdb", &format!("{LIT} --extinction-color 0.5,0.5,0.5 -o grey"));
     work.refused(
         "reconstruct density grey --tf turbo -o found.vdb",
+        Code::Unsupported,
         &["grey/transforms.json", "scattered light", "a transfer function tells", "without --tf"],
     );
     assert!(!work.path("found.vdb").exists());
@@ -320,7 +337,7 @@ fn lights_of_other_captures_are_told_and_not_taken() {
     let work = Work::new();
     work.json(&format!("render @plume.vdb --views 1 --size 8x8 --samples 1 {LIT} -o lit"));
     let options = "--albedo 0.9 --anisotropy 0.3 --sun 1,1,2 --sun-color 3 --sun-angle 0.53 --sky 0.2,0.3,0.5";
-    work.refused("render @plume.vdb --cameras lit -o plain", &[options]);
+    work.refused("render @plume.vdb --cameras lit -o plain", Code::Invalid, &[options]);
     let remarks = |words: &str| work.json(words)["remarks"].clone();
     let white = remarks("render @plume.vdb --cameras lit --albedo 0.9 --samples 1 -o white");
     assert!(white.to_string().contains(options) && white.to_string().contains("white sky"), "{white}");

@@ -1,6 +1,7 @@
 //! `cumulo render --frames`: sequences of volumes and of cameras, resumed, in parts, with frames that fail.
 
 use crate::common::work::{Work, density, errors, fixture};
+use cumulo::error::Code;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::{Codec, NativeGrid, RawLeaf, write_native};
 use cumulo::formats::{exr, transforms};
@@ -73,7 +74,7 @@ fn damaged_frames_are_rendered_again() {
     for length in [0, 4, 100, whole.len() / 2, whole.len() - 1] {
         std::fs::write(&path, &whole[..length]).unwrap();
         if length <= 100 {
-            work.refused(command, &["frame.0002.exr", "damaged", "--overwrite replaces it"]);
+            work.refused(command, Code::OutputExists, &["frame.0002.exr", "damaged", "--overwrite replaces it"]);
         }
         let report = work.json(&format!("{command} --resume"));
         let told = (&report["rendered"], &report["skipped"], &report["renewed"]);
@@ -82,7 +83,7 @@ fn damaged_frames_are_rendered_again() {
     }
     // Files that are no pictures are somebody's.
     std::fs::write(&path, "notes").unwrap();
-    work.refused(&format!("{command} --resume"), &["frame.0002.exr", "another command"]);
+    work.refused(&format!("{command} --resume"), Code::OutputExists, &["frame.0002.exr"]);
     assert_eq!(std::fs::read(&path).unwrap(), b"notes");
 }
 
@@ -180,23 +181,31 @@ fn cameras_are_found_by_number() {
         seen += 1;
     }
     assert!(seen > 10, "{seen}");
-    work.refused(&format!("render @plume.vdb --views 1 {LIT} --aov motion -o no"), &["motion", "--frames"]);
+    work.refused(
+        &format!("render @plume.vdb --views 1 {LIT} --aov motion -o no"),
+        Code::Invalid,
+        &["motion", "--frames"],
+    );
 
-    work.refused(&format!("render @plume.vdb --frames 2-4 {options} -o more"), &["frame 4", "0 to 3"]);
+    work.refused(&format!("render @plume.vdb --frames 2-4 {options} -o more"), Code::Invalid, &["frame 4", "0 to 3"]);
     let other = options.replace("0.9", "0.8");
-    work.refused(&format!("render @plume.vdb --frames 0-3 {other} -o parts --resume"), &["another command"]);
-    work.refused(&format!("render @plume.vdb --frames 0-3 {other} -o parts"), &["another command", "--overwrite"]);
+    work.refused(
+        &format!("render @plume.vdb --frames 0-3 {other} -o parts --resume"),
+        Code::OutputExists,
+        &["transforms.json"],
+    );
+    work.refused(&format!("render @plume.vdb --frames 0-3 {other} -o parts"), Code::OutputExists, &["--overwrite"]);
     // The folder of the cameras is none for pictures, as its list would lose cameras.
     let list = std::fs::read(work.path("views/transforms.json")).unwrap();
     for more in ["", " --overwrite", " --resume"] {
         let words = format!("render @plume.vdb --frames 0-1 {options} -o views{more}");
-        work.refused(&words, &["is an input of this command", "another name"]);
+        work.refused(&words, Code::OutputIsInput, &["transforms.json"]);
     }
     assert_eq!(std::fs::read(work.path("views/transforms.json")).unwrap(), list);
-    work.refused(&format!("render @plume.vdb --frames 3-1 {options} -o whole"), &["empty"]);
-    work.refused(&format!("render @plume.vdb --views 4 --frames 1-3 {LIT} -o no"), &["--views 1"]);
-    work.refused(&format!("render @plume.vdb --views 2 {LIT} -o no --resume"), &["--frames"]);
-    work.refused(&format!("render none.####.vdb --views 1 {LIT} -o no"), &["none.0001.vdb"]);
+    work.refused(&format!("render @plume.vdb --frames 3-1 {options} -o whole"), Code::Usage, &["empty"]);
+    work.refused(&format!("render @plume.vdb --views 4 --frames 1-3 {LIT} -o no"), Code::Invalid, &["--views 1"]);
+    work.refused(&format!("render @plume.vdb --views 2 {LIT} -o no --resume"), Code::Invalid, &["--frames"]);
+    work.refused(&format!("render none.####.vdb --views 1 {LIT} -o no"), Code::Invalid, &["none.0001.vdb"]);
 }
 
 /// A scene file may hold a sequence.
@@ -220,7 +229,7 @@ fn scene_files_hold_sequences() {
     let again = work.json(&format!("{command} --resume"));
     assert_eq!((&again["rendered"], &again["skipped"]), (&Value::from(1), &Value::from(1)));
     assert_eq!(again["renewed"], serde_json::json!([{"input": "s.0002.vdb", "frames": [2]}]));
-    work.refused("render scene.json --views 1 -o no", &["s.%04d.vdb", "--frames"]);
+    work.refused("render scene.json --views 1 -o no", Code::Invalid, &["s.%04d.vdb", "--frames"]);
     // A scene file for each frame moves lights, media and functions.
     for (frame, radiance) in [(1, 1.0), (2, 3.0)] {
         let scene = serde_json::json!({
@@ -283,7 +292,7 @@ fn volumes_move_by_their_velocities() {
     let same = exr::read_film_within(&work.path("same/frame.0001.exr"), None, Limits::default()).unwrap();
     assert_eq!(film.plane("Vector.X"), same.plane("Vector.X"));
 
-    work.refused(&format!("{command} --velocity vel -o no"), &["--velocity", "--aov motion"]);
+    work.refused(&format!("{command} --velocity vel -o no"), Code::Invalid, &["--velocity", "--aov motion"]);
     for (grid, words) in [("density", ["'density'", "vec3s"]), ("speed", ["'speed'", "vel"])] {
         let out = work.command(&format!("{command} --aov motion --velocity {grid} -o no")).output().unwrap();
         assert_eq!(out.status.code(), Some(2));
@@ -331,7 +340,7 @@ fn a_range_beside_the_sequence_is_refused_at_once() {
         std::fs::copy(fixture("plume.vdb"), work.path(&format!("smoke.{number}.vdb"))).unwrap();
     }
     let command = "render smoke.####.vdb --views 1 --size 8x8 -o out";
-    work.refused(&format!("{command} --frames 1-10"), &["smoke.####.vdb", "from 1001 to 1006"]);
+    work.refused(&format!("{command} --frames 1-10"), Code::Invalid, &["smoke.####.vdb", "from 1001 to 1006"]);
     assert!(!work.path("out").exists());
     assert_eq!(work.json(&format!("{command} --frames 1006"))["rendered"], 1);
 }
@@ -371,8 +380,8 @@ fn parts_keep_each_others_frames() {
     assert_eq!(frames(&work, "out0").len(), 12);
     let before = work.files("out0");
     let other = "render @plume.vdb --cameras path --background 1,0,0 -o out0 --frames 2-3";
-    work.refused(other, &["another command", "--overwrite"]);
-    work.refused(&format!("{other} --resume"), &["another command", "--overwrite"]);
+    work.refused(other, Code::OutputExists, &["--overwrite"]);
+    work.refused(&format!("{other} --resume"), Code::OutputExists, &["--overwrite"]);
     assert_eq!(work.files("out0"), before);
     work.json(&format!("{other} --overwrite"));
     assert_eq!(frames(&work, "out0").len(), 2);
@@ -389,7 +398,7 @@ fn views_of_other_commands_are_not_mixed() {
     let listed = frames(&work, "out");
     assert_eq!(listed.len(), 2);
     assert_eq!(work.files("out").len(), 3, "the pictures of the refused run are not there");
-    work.refused(&command("1-2"), &["another capture"]);
+    work.refused(&command("1-2"), Code::OutputExists, &["transforms.json"]);
 }
 
 /// A folder of numbered files, and Houdini's names, are the sequence that a pattern is.
@@ -409,8 +418,8 @@ fn folders_and_houdinis_names_are_sequences() {
     assert!(render("shot", "b") == pictures && render("shot/smoke.$F4.vdb", "c") == pictures);
     assert_eq!(work.json("plan shot --views 1 --size 12x12")["input"], "shot/smoke.0001.vdb");
     std::fs::create_dir(work.path("empty")).unwrap();
-    work.refused("render empty --views 1 -o d", &["empty", "no numbered VDBs", "smoke.0001.vdb"]);
+    work.refused("render empty --views 1 -o d", Code::Invalid, &["empty", "no numbered VDBs", "smoke.0001.vdb"]);
     std::fs::copy(fixture("cube.vdb"), work.path("shot/fire.1.vdb")).unwrap();
     std::fs::copy(fixture("cube.vdb"), work.path("shot/fire.2.vdb")).unwrap();
-    work.refused("render shot --views 1 -o d", &["shot", "fire.#.vdb", "smoke.####.vdb"]);
+    work.refused("render shot --views 1 -o d", Code::Invalid, &["shot", "fire.#.vdb", "smoke.####.vdb"]);
 }

@@ -2,6 +2,7 @@
 
 use crate::common::grids::fog;
 use crate::common::work::{self, Work, errors};
+use cumulo::error::Code;
 use cumulo::formats::exr;
 use cumulo::math::Affine;
 use cumulo::scene::film::Film;
@@ -58,8 +59,8 @@ fn frames_are_described_in_order_whatever_names_them() {
     let (code, report) = run(&work, "info s");
     assert_eq!((code, &report["sequences"][0]["failed"]), (2, &json!([2])));
     assert_eq!(report["files"].as_array().unwrap().len(), 5);
-    work.refused("info s/smoke.0001.vdb --frames 1-3", &["--frames", "no sequence"]);
-    work.refused("info t.####.vdb", &["t.0001.vdb"]);
+    work.refused("info s/smoke.0001.vdb --frames 1-3", Code::Invalid, &["--frames", "no sequence"]);
+    work.refused("info t.####.vdb", Code::Invalid, &["t.0001.vdb"]);
 }
 
 #[test]
@@ -139,8 +140,8 @@ fn frames_are_converted_and_those_that_fail_are_named() {
     assert_eq!(code, 0);
     let names: Vec<_> = work.files("folder").into_keys().map(|p| p.file_name().unwrap().to_owned()).collect();
     assert_eq!(names, ["smoke.0003.vdb", "smoke.0004.vdb", "smoke.0005.vdb"]);
-    work.refused("convert s one.vdb", &["one.vdb", "out.####.vdb"]);
-    work.refused("convert s s", &["is an input of this command"]);
+    work.refused("convert s one.vdb", Code::Invalid, &["one.vdb", "out.####.vdb"]);
+    work.refused("convert s s", Code::OutputIsInput, &["smoke.0001.vdb"]);
 }
 
 /// One rule for all commands: a frame that is missing in the midst is named, the others go on, and the exit code is 2.
@@ -208,7 +209,7 @@ fn sequences_of_volumes_are_compared_with_totals() {
     std::fs::write(work.path("b/smoke.0002.vdb"), "none").unwrap();
     let (code, report) = run(&work, "diff s b --frames 1-3");
     assert_eq!((code, numbers(&report["failed"], "frame"), &report["same"]), (2, vec![2], &json!(false)));
-    work.refused("diff s b/smoke.0001.vdb", &["the other one is a sequence"]);
+    work.refused("diff s b/smoke.0001.vdb", Code::Invalid, &["the other one is a sequence"]);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Manners of the command line: completions, manual pages, help, JSON documents and errors, remarks and timings.
 
 use crate::common::work::{self, Work, errors};
+use cumulo::error::Code;
 use serde_json::{Value, json};
 use std::process::Stdio;
 
@@ -17,11 +18,11 @@ fn shells_get_their_scripts_and_manual_pages_are_written() {
         let script = work.text(&format!("completions {shell}"));
         assert!(script.contains(word) && script.contains("reconstruct") && script.contains("density-scale"), "{shell}");
     }
-    work.refused("completions csh", &["csh"]);
+    work.refused("completions csh", Code::Usage, &["csh"]);
     assert!(work.text("man").contains(".TH CUMULO 1"));
     let page = work.text("man reconstruct density");
     assert!(page.contains(".TH CUMULO-RECONSTRUCT-DENSITY 1") && page.contains("held\\-out"), "{page}");
-    work.refused("man nonsense", &["no command 'nonsense'"]);
+    work.refused("man nonsense", Code::Invalid, &["no command 'nonsense'"]);
     let report = work.json("man -o pages");
     let pages: Vec<&str> = report["pages"].as_array().unwrap().iter().map(|p| p.as_str().unwrap()).collect();
     assert!(["cumulo.1", "cumulo-render.1", "cumulo-usd-lint.1"].iter().all(|p| pages.contains(p)), "{pages:?}");
@@ -127,7 +128,12 @@ fn errors_have_codes() {
     ] {
         let out = work.command(words).arg("--json").output().unwrap();
         let document: Value = serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{words}: {e}"));
-        assert_eq!((out.status.code(), &document["error"]["code"]), (Some(2), &json!(code)), "{words}: {document}");
+        let error = &document["error"];
+        assert_eq!((out.status.code(), &error["code"]), (Some(2), &json!(code)), "{words}: {document}");
+        // People read the same as programs.
+        let said = errors(&work.command(words).output().unwrap());
+        let facts = ["file", "part", "what", "do"].iter().filter_map(|key| error[key].as_str());
+        assert!(code == "usage" || facts.clone().all(|fact| said.contains(fact)), "{words}: {document}\n{said}");
     }
     let failed = work.command("info bad.vdb @plume.vdb --json").output().unwrap();
     let report: Value = serde_json::from_slice(&failed.stdout).unwrap();
@@ -169,7 +175,7 @@ fn timings_and_plans_are_said_if_asked_for() {
         assert!(loud.contains(text), "'{text}' is not in {loud}");
     }
     assert!(said("").lines().all(|line| line.starts_with("up axis Z")) && said("--quiet").is_empty());
-    work.refused(&format!("{words} -v -q"), &["cannot be used with"]);
+    work.refused(&format!("{words} -v -q"), Code::Usage, &["--verbose", "--quiet"]);
 }
 
 /// Each of four frames has a remark; it is made once.
@@ -204,7 +210,7 @@ fn unlike_volumes_are_sampled_and_say_so() {
     // Blocks are alike within a factor: about forty of a few hundred give the mean square within a third or so.
     let ratio = number(&part, "rms") / number(&whole, "rms");
     assert!((0.6..1.6).contains(&ratio), "{ratio}");
-    work.refused("diff @plume.vdb coarse.vdb --voxels none", &["--voxels"]);
+    work.refused("diff @plume.vdb coarse.vdb --voxels none", Code::Usage, &["--voxels"]);
 }
 
 /// Stages that begin end, and what counts steps reaches their number. The error that ends a command is an event, too.
@@ -226,5 +232,5 @@ fn events_are_lines_of_json() {
     let failed = events("render missing.vdb --views 1 -o shots");
     let last = failed.last().unwrap();
     assert_eq!((&last["event"], &last["file"]), (&json!("error"), &json!("missing.vdb")));
-    work.refused("render @plume.vdb --views 1 -o shots --quiet --progress json", &["--quiet"]);
+    work.refused("render @plume.vdb --views 1 -o shots --quiet --progress json", Code::Usage, &["--quiet"]);
 }

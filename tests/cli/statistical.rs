@@ -1,6 +1,8 @@
 //! `cumulo compare --statistical` from the outside: sources of the noise, exit codes, reports, wrong use.
 
+use crate::common::refusal;
 use crate::common::work::cumulo;
+use cumulo::error::Code;
 use cumulo::formats::exr;
 use cumulo::scene::film::{Film, Plane};
 use serde_json::Value;
@@ -145,29 +147,25 @@ fn wrong_use_gives_2_and_says_why() {
     let mut negative = film(1, 4, 0.0);
     negative.planes.iter_mut().filter(|p| p.name.starts_with("variance")).for_each(|p| p.samples[5] = -1.0);
     let negative = write(&dir, "negative.exr", &negative);
-    let fails = |arguments: &[&str], words: &[&str]| {
-        let run = cumulo().args(["compare", "--statistical", "--quiet"]).args(arguments).assert().code(2).stdout("");
-        let stderr = String::from_utf8(run.get_output().stderr.clone()).unwrap();
-        for word in words {
-            assert!(stderr.contains(word), "'{word}' is not in: {stderr}");
-        }
+    let fails = |arguments: &[&str], code, facts| {
+        refusal::of(&[&["compare", "--statistical", "--quiet"], arguments].concat(), code, facts);
     };
     let [full, bare, small, one, negative] = [&full, &bare, &small, &one, &negative].map(|p| p.to_str().unwrap());
-    fails(&[full, bare], &["bare.exr", "noise", "--repeat-b", "--noiseless b", "--aov variance"]);
-    fails(&[full, small, "--noiseless=b"], &["40x24 and 3x2"]);
-    fails(&[full, full, &format!("--repeat-a={small}")], &["small.exr", "40x24 and 3x2", "seed"]);
-    fails(&[full, one], &["one.exr", "variance", "--repeat-b"]);
-    fails(&[full, negative], &["negative.exr", "variance of -1", "--variance-layer"]);
-    fails(&[full, full, "--variance-layer=half_c"], &["half_c", "half_a"]);
-    fails(&[full, full, "--noiseless=a", &format!("--repeat-a={bare}")], &["contradict"]);
-    fails(&[full, full, "--false-alarm=0"], &["between 0 and 1"]);
-    fails(&[full, full, "--tile=0"], &["--tile"]);
-    fails(&[full, full, "--flip"], &["--flip"]);
-    fails(&["a.####.exr", "b.####.exr"], &["sequence"]);
+    fails(&[full, bare], Code::Invalid, &["bare.exr", "noise", "--repeat-b", "--noiseless b", "--aov variance"]);
+    fails(&[full, small, "--noiseless=b"], Code::Invalid, &["40x24", "3x2"]);
+    fails(&[full, full, &format!("--repeat-a={small}")], Code::Invalid, &["small.exr", "40x24", "3x2", "seed"]);
+    fails(&[full, one], Code::Invalid, &["one.exr", "variance", "--repeat-b"]);
+    fails(&[full, negative], Code::Invalid, &["negative.exr", "variance of -1", "--variance-layer"]);
+    fails(&[full, full, "--variance-layer=half_c"], Code::NoSuchLayer, &["half_c", "half_a"]);
+    fails(&[full, full, "--noiseless=a", &format!("--repeat-a={bare}")], Code::Invalid, &["contradict"]);
+    fails(&[full, full, "--false-alarm=0"], Code::Invalid, &["--false-alarm"]);
+    fails(&[full, full, "--tile=0"], Code::Usage, &["--tile"]);
+    fails(&[full, full, "--flip"], Code::Usage, &["--flip"]);
+    fails(&["a.####.exr", "b.####.exr"], Code::Invalid, &["sequence"]);
     let hidden = dir.path().join("hidden.png");
     std::fs::hard_link(full, &hidden).unwrap();
-    fails(&[full, full, "--heatmap", hidden.to_str().unwrap()], &["input of this command"]);
-    fails(&[full, full, "--max-memory=112M", "--heatmap=a.txt"], &["PNG"]);
+    fails(&[full, full, "--heatmap", hidden.to_str().unwrap()], Code::OutputIsInput, &["hidden.png"]);
+    fails(&[full, full, "--max-memory=112M", "--heatmap=a.txt"], Code::OutputName, &["PNG"]);
     let run = cumulo().args(["compare", full, full, "--tile=4"]).assert().code(2);
     assert!(String::from_utf8_lossy(&run.get_output().stderr).contains("--statistical"));
 }

@@ -2,6 +2,7 @@
 //! and the confidence grid.
 
 use crate::common::work::{self, Work, number};
+use cumulo::error::Code;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
 use cumulo::scene::bricks::Bricks;
@@ -52,10 +53,10 @@ fn colors_come_back_and_are_rendered_again() {
         cumulo::metrics::compare(&work.picture("again/view_003.exr"), &work.picture("cap/view_003.exr")).unwrap();
     assert!(compared.psnr_db > 28.0, "{}", compared.psnr_db);
     // What is pre-shaded has no density behind its colors.
-    work.refused("reconstruct density again -o d.vdb", &["pre-shaded", "reconstruct color"]);
-    work.refused("render @plume.vdb --model pre-shaded --views 1 -o no", &["'emission'", "vec3s"]);
+    work.refused("reconstruct density again -o d.vdb", Code::Unsupported, &["pre-shaded", "reconstruct color"]);
+    work.refused("render @plume.vdb --model pre-shaded --views 1 -o no", Code::Invalid, &["'emission'", "vec3s"]);
     work.json("render @plume.vdb --views 2 --size 8x8 -o grey");
-    work.refused("reconstruct color grey -o no.vdb", &["absorption alone", "reconstruct density"]);
+    work.refused("reconstruct color grey -o no.vdb", Code::Unsupported, &["absorption alone", "reconstruct density"]);
 }
 
 /// A run that goes on begins where the last one ended, and another field is no start for it.
@@ -83,7 +84,7 @@ fn colors_go_on_where_they_were_left() {
     assert_eq!((levels(&coarse), levels(&finer)), (BTreeSet::from([0]), BTreeSet::from([0, 1])));
     assert!(number(&finer, "held_out_psnr_db") > number(&coarse, "held_out_psnr_db") + 1.0, "{coarse} {finer}");
     std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/plume.vdb"), work.path("shaded.vdb")).unwrap();
-    work.refused("reconstruct color cap -o no.vdb --init shaded.vdb", &["shaded.vdb", "emission"]);
+    work.refused("reconstruct color cap -o no.vdb --init shaded.vdb", Code::Invalid, &["shaded.vdb", "emission"]);
 }
 
 /// The start from the colors finds the branch that descending from a constant does not.
@@ -135,7 +136,7 @@ fn a_function_without_densities_is_refused() {
     let one = json!({"format": "cumulo-transfer-function", "version": 1,
         "transfer": {"kind": "piecewise", "points": [[0.0, 1.0, 1.0, 1.0, 0.0]]}});
     std::fs::write(work.path("one.tf.json"), one.to_string()).unwrap();
-    work.refused("reconstruct density cap --tf one.tf.json -o no.vdb", &["ends at density 0", "--tf"]);
+    work.refused("reconstruct density cap --tf one.tf.json -o no.vdb", Code::Invalid, &["ends at density 0", "--tf"]);
     assert!(!work.path("no.vdb").exists());
 }
 

@@ -1,6 +1,7 @@
 //! Transfer functions by name: the list, what they are, and that all commands take them.
 
 use crate::common::work::Work;
+use cumulo::error::Code;
 use serde_json::{Value, json};
 
 #[test]
@@ -19,8 +20,8 @@ fn the_list_says_what_there_is() {
     assert_eq!(of("mr-default")["range"], json!([0.0, 1.0]));
     let text = work.text("transfer --list");
     assert!(functions.iter().all(|f| text.contains(f["name"].as_str().unwrap())));
-    work.refused("transfer --list viridis", &["cannot be used with"]);
-    work.refused("transfer", &["required"]);
+    work.refused("transfer --list viridis", Code::Usage, &["cannot be used with"]);
+    work.refused("transfer", Code::Usage, &["required"]);
 }
 
 #[test]
@@ -47,21 +48,29 @@ fn names_are_taken_where_files_are() {
     std::fs::copy(work.path("viridis.tf.json"), work.path("inferno")).unwrap();
     work.json(&format!("render @plume.vdb --tf inferno {size} -o d"));
     assert_eq!(work.picture("a/view_000.exr"), work.picture("d/view_000.exr"));
-    work.refused("usd author @plume.vdb --tf viridis -o s.usda", &["viridis", "cumulo transfer viridis -o"]);
+    work.refused(
+        "usd author @plume.vdb --tf viridis -o s.usda",
+        Code::Unsupported,
+        &["viridis", "cumulo transfer viridis -o"],
+    );
 }
 
 #[test]
 fn typing_errors_get_the_nearest_names() {
     let work = Work::new();
     let render = "render @plume.vdb --views 1 --size 8x8 -o x --tf";
-    work.refused(&format!("{render} virdis"), &["neither a file nor", "did you mean 'viridis'?", "--list"]);
-    work.refused(&format!("{render} coolwarm"), &["'cool-warm'"]);
-    work.refused(&format!("{render} ct"), &["'ct-bone' or 'ct-lung'"]);
-    work.refused(&format!("{render} qqqqqqqqqq"), &["neither a file nor", "cumulo transfer --list"]);
-    work.refused(&format!("{render} none.tf.json"), &["none.tf.json", "spelling"]);
-    work.refused(&format!("{render} viridis --tf-preset x"), &["'viridis' is one function"]);
-    work.refused(&format!("{render} viridis --tf-unit-distance 2"), &["no opacities", "extinction"]);
-    work.refused(&format!("{render} ct-bone --tf-extinction 2"), &["opacities"]);
+    work.refused(
+        &format!("{render} virdis"),
+        Code::NotFound,
+        &["neither a file nor", "did you mean 'viridis'?", "--list"],
+    );
+    work.refused(&format!("{render} coolwarm"), Code::NotFound, &["'cool-warm'"]);
+    work.refused(&format!("{render} ct"), Code::NotFound, &["'ct-bone' or 'ct-lung'"]);
+    work.refused(&format!("{render} qqqqqqqqqq"), Code::NotFound, &["neither a file nor", "cumulo transfer --list"]);
+    work.refused(&format!("{render} none.tf.json"), Code::NotFound, &["none.tf.json", "spelling"]);
+    work.refused(&format!("{render} viridis --tf-preset x"), Code::Invalid, &["'viridis' is one function"]);
+    work.refused(&format!("{render} viridis --tf-unit-distance 2"), Code::Invalid, &["no opacities", "extinction"]);
+    work.refused(&format!("{render} ct-bone --tf-extinction 2"), Code::Invalid, &["opacities"]);
     assert!(!work.path("x").exists());
 }
 
@@ -71,7 +80,11 @@ fn scans_go_with_the_presets_of_their_units() {
     let work = Work::new();
     work.json("convert @head.nii.gz scan.vdb");
     let size = "--tf ct-bone --views 1 --size 12x12";
-    work.refused(&format!("render scan.vdb {size} -o no"), &["negative", "--map=-1024,3071", "--tf-range 0,1"]);
+    work.refused(
+        &format!("render scan.vdb {size} -o no"),
+        Code::Invalid,
+        &["negative", "--map=-1024,3071", "--tf-range 0,1"],
+    );
     work.json("convert scan.vdb ct.vdb --map=-1024,3071");
     let report = work.json(&format!("render ct.vdb {size} --tf-range 0,1 -o bone"));
     assert_eq!(report["views"], 1);

@@ -2,6 +2,7 @@
 
 use crate::common::stages::{binary, package};
 use crate::common::work::{Work, errors, fixture};
+use cumulo::error::Code;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::usd::Stage;
 use serde_json::{Value, json};
@@ -149,19 +150,23 @@ fn stages_are_captures() {
 #[test]
 fn what_contradicts_is_refused() {
     let work = work(&stage("def Camera \"second\" {}\n"));
-    work.refused("render stage.usda -o x", &["/rig/camera, /second", "--camera"]);
-    work.refused("render stage.usda --camera /none -o x", &["/none", "/second"]);
-    work.refused("render stage.usda --camera second --sun 1,1,1 --albedo 0.5 -o x", &["--sun", "stage.usda"]);
-    work.refused("render stage.usda --camera second --density-scale auto -o x", &["auto", "stage.usda"]);
-    work.refused("render plume.vdb --views 1 --camera second -o x", &["cannot be used with"]);
-    work.refused("render plume.vdb -o x", &["--views", "required"]);
-    work.refused("render plume.vdb --cameras stage.usda -o x", &["/second"]);
-    work.refused("capture convert plume.vdb --camera a -o x", &["--camera"]);
+    work.refused("render stage.usda -o x", Code::Invalid, &["/rig/camera, /second", "--camera"]);
+    work.refused("render stage.usda --camera /none -o x", Code::Invalid, &["/none", "/second"]);
+    work.refused(
+        "render stage.usda --camera second --sun 1,1,1 --albedo 0.5 -o x",
+        Code::Invalid,
+        &["--sun", "stage.usda"],
+    );
+    work.refused("render stage.usda --camera second --density-scale auto -o x", Code::Invalid, &["auto", "stage.usda"]);
+    work.refused("render plume.vdb --views 1 --camera second -o x", Code::Usage, &["--views", "--camera"]);
+    work.refused("render plume.vdb -o x", Code::Invalid, &["--views", "required"]);
+    work.refused("render plume.vdb --cameras stage.usda -o x", Code::Invalid, &["/second"]);
+    work.refused("capture convert plume.vdb --camera a -o x", Code::Invalid, &["--camera"]);
     std::fs::write(work.path("none.usda"), "#usda 1.0\ndef Camera \"c\" {}\n").unwrap();
-    work.refused("render none.usda -o x", &["none.usda", "no prim of type Volume"]);
+    work.refused("render none.usda -o x", Code::Invalid, &["none.usda", "no prim of type Volume"]);
     std::fs::write(work.path("bad.usda"), "#usda 1.0\ndef Volume \"v\" {\n float x = (1\n}\n").unwrap();
     for command in ["info bad.usda", "render bad.usda -o x", "plan bad.usda"] {
-        work.refused(command, &["bad.usda", "line 3"]);
+        work.refused(command, Code::Invalid, &["bad.usda", "line 3"]);
     }
     let out = work.command("validate bad.usda").output().unwrap();
     assert_eq!(out.status.code(), Some(1), "{}", errors(&out));
@@ -245,14 +250,13 @@ fn every_command_tells_of_layers_that_are_none() {
     let work = work(&stage("def Xform \"m\" (payload = @./plume.vdb@</World>) {}"));
     let words = ["stage.usda", "/m", "its payload @plume.vdb@ is an OpenVDB file"];
     for command in [
-        "info stage.usda",
         "plan stage.usda --size 8x6",
         "render stage.usda --size 8x6 --samples 1 -o x",
         "render stage.usda --size 8x6 --samples 1 --frames 1-2 -o x",
         "render plume.vdb --cameras stage.usda --size 8x6 -o x",
         "render stage.usda --views 1 --size 8x6 --samples 1 -o x",
     ] {
-        work.refused(command, &words);
+        work.refused(command, Code::Invalid, &words);
         assert!(!work.path("x").exists(), "{command}");
     }
     for (command, code) in [("validate", 1), ("usd lint", 1), ("info", 2)] {

@@ -1,6 +1,7 @@
 //! `cumulo usd author`: stages that read back as what was asked for.
 
 use crate::common::work::{self, Work, fixture};
+use cumulo::error::Code;
 use cumulo::formats::exr;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::transforms;
@@ -103,7 +104,7 @@ fn frames_are_time_codes() {
     work.json("usd author smoke.####.vdb --frames 1-2 -o two.usda");
     let two = Stage::open(&work.path("two.usda"), Limits::default()).unwrap();
     assert_eq!(two.metadata.end, Some(2.0));
-    work.refused("usd author smoke.####.vdb --frames 1-3 -o no.usda", &["smoke.0003.vdb"]);
+    work.refused("usd author smoke.####.vdb --frames 1-3 -o no.usda", Code::NotFound, &["smoke.0003.vdb"]);
     assert!(!work.path("no.usda").exists());
 }
 
@@ -211,19 +212,19 @@ fn scene_files_become_stages() {
             Light::Sun { .. } => panic!("no sun"),
         }
     }
-    work.refused("usd author scene.json --albedo 0.5 -o no.usda", &["scene.json", "--albedo", "leave"]);
+    work.refused("usd author scene.json --albedo 0.5 -o no.usda", Code::Invalid, &["scene.json", "--albedo", "leave"]);
     let moving =
         scene.to_string().replace(r#""grid":"mass","#, r#""grid":"mass","velocity":{"grid":"velocity","fps":30},"#);
     assert_ne!(moving, scene.to_string());
     fs::write(work.path("moving.json"), moving).unwrap();
-    work.refused("usd author moving.json -o no.usda", &["volume 1", "30", "--fps 30"]);
+    work.refused("usd author moving.json -o no.usda", Code::Unsupported, &["volume 1", "30", "--fps 30"]);
     work.json("usd author moving.json --fps 30 -o velocity.usda");
     // A stage at rest has its rate as well, since velocities are per second.
     let rated = Stage::open(&work.path("velocity.usda"), Limits::default()).unwrap();
     assert_eq!((rated.metadata.start, rated.time_codes_per_second()), (None, 30.0));
     let slanted = scene.to_string().replace("[0,3,0]", "[1,3,0]");
     fs::write(work.path("slanted.json"), slanted).unwrap();
-    work.refused("usd author slanted.json -o no.usda", &["RectLight", "right angles"]);
+    work.refused("usd author slanted.json -o no.usda", Code::Unsupported, &["RectLight", "right angles"]);
 }
 
 /// Pixels that are not square are so again when the stage is read, at the size of the pictures and at another.
@@ -364,9 +365,13 @@ fn every_key_of_a_scene_file_is_authored() {
     }
     let both = scene.to_string().replace("\"heat\"", "\"mass\"");
     fs::write(work.path("both.json"), &both).unwrap();
-    work.refused("usd author both.json --fps 30 -o no.usda", &["fire.vdb", "'mass' is both density and flame"]);
+    work.refused(
+        "usd author both.json --fps 30 -o no.usda",
+        Code::Unsupported,
+        &["fire.vdb", "'mass' is both density and flame"],
+    );
     fs::write(work.path("flat.json"), scene.to_string().replace("[0.0,0.0,0.3,0.2]", "[0.0,0.0,0.0,0.2]")).unwrap();
-    work.refused("usd author flat.json --fps 30 -o no.usda", &["flat.json", "volume 0"]);
+    work.refused("usd author flat.json --fps 30 -o no.usda", Code::Invalid, &["flat.json", "volume 0"]);
 }
 
 fn cumulo_lights(stage: &Stage) -> Vec<Light> {
@@ -383,15 +388,15 @@ fn only_its_own_stages_are_replaced() {
     let command = "usd author plume.vdb -o stage.usda";
     work.json(command);
     work.json(command);
-    work.refused("usd author plume.vdb --albedo 0.5 -o stage.usda", &["stage.usda", "--overwrite"]);
+    work.refused("usd author plume.vdb --albedo 0.5 -o stage.usda", Code::Invalid, &["stage.usda", "--overwrite"]);
     work.json("usd author plume.vdb --albedo 0.5 -o stage.usda --overwrite");
     fs::write(work.path("other.usda"), "#usda 1.0\n").unwrap();
-    work.refused("usd author plume.vdb -o other.usda", &["other.usda", "--overwrite"]);
+    work.refused("usd author plume.vdb -o other.usda", Code::Invalid, &["other.usda", "--overwrite"]);
     assert_eq!(fs::read_to_string(work.path("other.usda")).unwrap(), "#usda 1.0\n");
-    work.refused("usd author plume.vdb -o stage.vdb", &["stage.vdb", ".usda"]);
-    work.refused("usd author none.vdb -o a.usda", &["none.vdb"]);
-    work.refused("usd author none.####.vdb -o a.usda", &["none.0001.vdb"]);
-    work.refused("usd author plume.vdb --grid heat -o a.usda", &["'heat'", "'density'"]);
-    work.refused("usd author plume.vdb --tf plume.vdb -o a.usda", &["plume.vdb", "transfer function"]);
+    work.refused("usd author plume.vdb -o stage.vdb", Code::OutputName, &["stage.vdb", ".usda"]);
+    work.refused("usd author none.vdb -o a.usda", Code::NotFound, &["none.vdb"]);
+    work.refused("usd author none.####.vdb -o a.usda", Code::Invalid, &["none.0001.vdb"]);
+    work.refused("usd author plume.vdb --grid heat -o a.usda", Code::Invalid, &["'heat'", "'density'"]);
+    work.refused("usd author plume.vdb --tf plume.vdb -o a.usda", Code::Invalid, &["plume.vdb", "transfer function"]);
     assert!(!work.path("a.usda").exists());
 }

@@ -1,6 +1,7 @@
 //! `cumulo usd lint`: planted faults are found, and nothing else on stages that are fine.
 
 use crate::common::work::{Work, errors, fixture};
+use cumulo::error::Code;
 use serde_json::Value;
 use std::fs;
 
@@ -196,7 +197,11 @@ fn references_that_multiply_are_refused() {
     let levels: String = (0..40).map(level).collect();
     fs::write(work.path("fan.usda"), format!("#usda 1.0\n{levels}def Xform \"a40\" {{}}\n")).unwrap();
     for command in ["usd lint fan.usda", "info fan.usda", "render fan.usda -o x"] {
-        work.refused(&format!("{command} --max-memory 1G"), &["fan.usda", "prim /a0/x", "further references"]);
+        work.refused(
+            &format!("{command} --max-memory 1G"),
+            Code::Unsupported,
+            &["fan.usda", "prim /a0/x", "further references"],
+        );
     }
     // Few levels are read.
     fs::write(
@@ -212,11 +217,11 @@ fn errors_are_not_findings() {
     let work = Work::new();
     sequence(&work);
     fs::write(work.path("broken.usda"), "#usda 1.0\ndef Xform \"a\" {").unwrap();
-    work.refused("usd lint broken.usda", &["broken.usda"]);
-    work.refused("usd lint gone.usda", &["gone.usda"]);
-    work.refused("usd lint moving.usda still.usda --fix both.usda", &["--fix"]);
-    work.refused("usd lint moving.usda --fix still.usda", &["still.usda", "--overwrite"]);
-    work.refused("usd lint moving.usda --fix fixed.vdb", &[".usda"]);
+    work.refused("usd lint broken.usda", Code::Invalid, &["broken.usda"]);
+    work.refused("usd lint gone.usda", Code::NotFound, &["gone.usda"]);
+    work.refused("usd lint moving.usda still.usda --fix both.usda", Code::Invalid, &["--fix"]);
+    work.refused("usd lint moving.usda --fix still.usda", Code::Invalid, &["still.usda", "--overwrite"]);
+    work.refused("usd lint moving.usda --fix fixed.vdb", Code::OutputName, &[".usda"]);
     // One that cannot be read does not keep the other from being reported.
     let out = work.command("usd lint broken.usda moving.usda").output().unwrap();
     assert_eq!(out.status.code(), Some(2));

@@ -1,7 +1,9 @@
 //! The commands on VDB files: what they print, and how they end.
 
 use crate::common::grids::compact;
+use crate::common::refusal;
 use crate::common::work::cumulo;
+use cumulo::error::Code;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::{Codec, File, write_grids};
 use cumulo::scene::grid::{Grid, GridClass};
@@ -203,18 +205,18 @@ fn wrong_use_ends_with_2_and_says_what_is_expected() {
     let dir = folder();
     let path = write(dir.path(), "a.vdb", &[&compact("density", 1, 11)]);
     let p = path.to_str().unwrap();
-    let cases: [(&[&str], &str); 9] = [
-        (&["info"], "FILE"),
-        (&["info", "/nowhere.vdb"], "/nowhere.vdb"),
-        (&["validate", "/nowhere.vdb"], "/nowhere.vdb"),
-        (&["info", p, "--max-memory", "many"], "4G"),
-        (&["convert", p, "/nowhere/b.vdb"], "folder"),
-        (&["convert", p, "/tmp/b.vdb", "--grid", "smoke"], "'density'"),
-        (&["convert", p, "/tmp/b.vdb", "--crop", "1,2,3"], "six"),
-        (&["convert", p, "/tmp/b.vdb", "--resample", "0"], "above zero"),
-        (&["diff", p, p, "--grid", "smoke"], "'density'"),
+    let cases: [(&[&str], Code, &str); 9] = [
+        (&["info"], Code::Usage, "FILE"),
+        (&["info", "/nowhere.vdb"], Code::NotFound, "/nowhere.vdb"),
+        (&["validate", "/nowhere.vdb"], Code::NotFound, "/nowhere.vdb"),
+        (&["info", p, "--max-memory", "many"], Code::Usage, "4G"),
+        (&["convert", p, "/nowhere/b.vdb"], Code::NotFound, "/nowhere/b.vdb"),
+        (&["convert", p, "/tmp/b.vdb", "--grid", "smoke"], Code::NoSuchGrid, "'density'"),
+        (&["convert", p, "/tmp/b.vdb", "--crop", "1,2,3"], Code::Usage, "--crop"),
+        (&["convert", p, "/tmp/b.vdb", "--resample", "0"], Code::Usage, "--resample"),
+        (&["diff", p, p, "--grid", "smoke"], Code::NoSuchGrid, "'density'"),
     ];
-    for (arguments, expected) in cases {
-        cumulo().args(arguments).assert().code(2).stderr(contains(expected));
+    for (arguments, code, fact) in cases {
+        refusal::of(arguments, code, &[fact]);
     }
 }

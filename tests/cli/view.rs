@@ -1,6 +1,7 @@
 //! `cumulo view`: what sheets show, what is said of them, and where they go.
 
 use crate::common::work::{Work, errors, fixture};
+use cumulo::error::Code;
 use cumulo::formats::{exr, picture};
 use cumulo::scene::color_space::ColorSpace;
 use cumulo::scene::film::{Film, Plane};
@@ -145,8 +146,8 @@ fn frames_share_exposure_and_density_scale() {
     }
     let shown = &work.json("view v.%04d.exr -o v.png")["sheets"][0];
     assert_eq!((&shown["exposure"], &shown["count"]), (&json!(-1.0), &json!(2)));
-    work.refused("view none.####.vdb -o n.png", &["none.0001.vdb", "no file"]);
-    work.refused("view s.####.vdb --frames 9 -o n.png", &["s.####.vdb", "none of the frames is there"]);
+    work.refused("view none.####.vdb -o n.png", Code::Invalid, &["none.0001.vdb", "no file"]);
+    work.refused("view s.####.vdb --frames 9 -o n.png", Code::Invalid, &["s.####.vdb", "none of the frames is there"]);
 }
 
 #[test]
@@ -162,9 +163,11 @@ fn terminals_get_what_they_understand() {
     assert!(blocks.lines().any(|line| line.matches('▀').count() == 80) && blocks.contains("grid 'density'"));
     assert!(shown("view @cube.vdb --terminal kitty").starts_with("\x1b_Ga=T,f=100,q=2,m=1;"));
     assert!(shown("view @cube.vdb --terminal sixel").starts_with("\x1bPq\"1;1;"));
-    work.refused("view @cube.vdb", &["no terminal", "-o OUT.png"]);
-    work.refused("view @cube.vdb --terminal blocks --json", &["--json", "-o OUT.png"]);
-    work.refused("view @cube.vdb --terminal blocks -o a.png", &["cannot be used with"]);
+    let out = work.command("view @cube.vdb").output().unwrap();
+    assert_eq!(out.status.code(), Some(2));
+    assert!(errors(&out).contains("terminal") && errors(&out).contains("-o OUT.png"), "{}", errors(&out));
+    work.refused("view @cube.vdb --terminal blocks --json", Code::Invalid, &["--json", "-o OUT.png"]);
+    work.refused("view @cube.vdb --terminal blocks -o a.png", Code::Usage, &["--terminal", "--output"]);
 }
 
 #[test]
@@ -173,17 +176,21 @@ fn sheets_go_where_they_are_told_to() {
     let report = work.json("view @cube.vdb @plume.vdb --size 32 -o sheets");
     assert_eq!(report["sheets"][1]["output"], json!("sheets/plume.vdb.png"));
     assert!(work.path("sheets/cube.vdb.png").exists());
-    work.refused("view @cube.vdb @plume.vdb -o both.png", &["both.png", "folder"]);
-    work.refused("view @cube.vdb @cube.vdb -o sheets", &["one name"]);
-    work.refused("view @cube.vdb -o a.exr", &[".png"]);
-    work.refused("view @cube.vdb -o -", &["standard output"]);
-    work.refused("view @cube.vdb --frames 1-2 -o a.png", &["--frames", "smoke.####.vdb"]);
+    work.refused("view @cube.vdb @plume.vdb -o both.png", Code::OutputName, &["both.png", "folder"]);
+    work.refused("view @cube.vdb @cube.vdb -o sheets", Code::Invalid, &["one name"]);
+    work.refused("view @cube.vdb -o a.exr", Code::OutputName, &[".png"]);
+    work.refused("view @cube.vdb -o -", Code::Unsupported, &["standard output"]);
+    work.refused("view @cube.vdb --frames 1-2 -o a.png", Code::Invalid, &["--frames", "smoke.####.vdb"]);
     std::fs::write(work.path("stage.usda"), "#usda 1.0\n").unwrap();
-    work.refused("view stage.usda -o a.png", &["USD stage has no sheet", "cumulo render stage.usda"]);
-    work.refused("view none.vdb -o a.png", &["none.vdb"]);
-    work.refused("view @kinds.vdb --grid none -o a.png", &["no grid 'none'", "'velocity'"]);
+    work.refused(
+        "view stage.usda -o a.png",
+        Code::Unsupported,
+        &["USD stage has no sheet", "cumulo render stage.usda"],
+    );
+    work.refused("view none.vdb -o a.png", Code::NotFound, &["none.vdb"]);
+    work.refused("view @kinds.vdb --grid none -o a.png", Code::NoSuchGrid, &["'none'", "'velocity'"]);
     std::fs::write(work.path("a.png"), std::fs::read(work.path("sheets/cube.vdb.png")).unwrap()).unwrap();
-    work.refused("view a.png -o a.png", &["is an input"]);
+    work.refused("view a.png -o a.png", Code::OutputIsInput, &["a.png"]);
     assert!(!work.path("both.png").exists() && !work.path("a.exr").exists());
 }
 
@@ -214,13 +221,13 @@ fn the_folder_of_a_sequence_is_shown_and_no_picture_of_a_capture_is_replaced() {
     assert_eq!((&shown["frames"], &shown["exposure"]), (&json!([1, 2]), &json!(-1.0)));
     std::fs::copy(fixture("plume.vdb"), work.path("seq/t.1.vdb")).unwrap();
     std::fs::copy(fixture("plume.vdb"), work.path("seq/t.2.vdb")).unwrap();
-    work.refused("view seq -o s.png", &["several sequences", "t.#.vdb"]);
+    work.refused("view seq -o s.png", Code::Invalid, &["several sequences", "t.#.vdb"]);
     std::fs::create_dir(work.path("empty")).unwrap();
-    work.refused("view empty -o s.png", &["neither a capture nor a sequence"]);
+    work.refused("view empty -o s.png", Code::Invalid, &["neither a capture nor a sequence"]);
     work.json("render @plume.vdb --views 2 --size 8x8 --png -o cap");
     let transforms = std::fs::read_to_string(work.path("cap/transforms.json")).unwrap();
     std::fs::write(work.path("cap/transforms.json"), transforms.replace(".exr", ".png")).unwrap();
-    work.refused("view cap -o cap/view_001.png", &["is an input"]);
+    work.refused("view cap -o cap/view_001.png", Code::OutputIsInput, &["view_001.png"]);
 }
 
 /// A scale that is small, or large, is not rounded away.
@@ -254,5 +261,5 @@ fn a_bad_file_does_not_keep_the_others_from_being_shown() {
     );
     assert!(work.path("sheets/a.vdb.png").exists() && work.path("sheets/c.vdb.png").exists());
     assert!(!work.path("sheets/b.vdb.png").exists());
-    work.refused("view b.vdb -o b.png", &["b.vdb"]);
+    work.refused("view b.vdb -o b.png", Code::UnknownFormat, &["b.vdb"]);
 }

@@ -4,6 +4,7 @@ pub mod fields;
 pub mod grids;
 pub mod images;
 pub mod random;
+pub mod refusal;
 pub mod replaced;
 pub mod scenes;
 pub mod stages;

@@ -1,9 +1,10 @@
 //! The program, a folder of its own for it to work in, and what it reads and writes there.
 
-use super::grids;
+use super::{grids, refusal};
 use ::exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, Layer, LayerAttributes, WritableImage,
 };
+use cumulo::error::Code;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
 use cumulo::scene::film::Film;
@@ -94,13 +95,9 @@ impl Work {
         String::from_utf8(out.stdout).unwrap()
     }
 
-    /// Runs it, expects exit code 2 and that standard error holds every one of `expected`.
-    pub fn refused(&self, words: &str, expected: &[&str]) {
-        let out = self.command(words).output().unwrap();
-        assert_eq!(out.status.code(), Some(2), "{words}: {}", errors(&out));
-        for text in expected {
-            assert!(errors(&out).contains(text), "{words}: '{text}' is not in:\n{}", errors(&out));
-        }
+    /// Runs it, and expects an error of this code that names these facts ([`refusal::refused`]).
+    pub fn refused(&self, words: &str, code: Code, facts: &[&str]) {
+        refusal::refused(&mut self.command(words), code, facts);
     }
 
     /// `cumulo diff`'s entry of the only grid.
