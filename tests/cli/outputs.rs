@@ -242,8 +242,12 @@ fn a_search_goes_on_from_its_own_output_alone() {
         let before = std::fs::read(work.path(output)).unwrap();
         refused(&format!("{search} {change} --iterations 1 --resume"), "other settings");
         work.json(&format!("{search} {change} --iterations 1 --init {output} -o new.{output}"));
-        work.refused(&format!("{search} --init {output} -o {output}"), &["is an input of this command"]);
-        work.refused(&format!("{search} --init {foreign} --resume -o {output}"), &["cannot be used with"]);
+        work.refused(
+            &format!("{search} --init {output} -o {output}"),
+            Code::OutputIsInput,
+            &["is an input of this command"],
+        );
+        work.refused(&format!("{search} --init {foreign} --resume -o {output}"), Code::Usage, &["cannot be used with"]);
         assert_eq!(std::fs::read(work.path(output)).unwrap(), before);
         let foreign = if work.path(foreign).is_dir() { format!("{foreign}/transforms.json") } else { foreign.into() };
         std::fs::copy(work.path(&foreign), work.path(output)).unwrap();
