@@ -122,18 +122,22 @@ impl<I: EmissionAbsorption<Real = f32>> Composited<I> {
 
 /// Without random numbers: all estimates along a ray are alike.
 impl<I: EmissionAbsorption<Real = f32>> Integrator for Composited<I> {
-    type Primary = Sample;
+    type Primary = Pixel<f32>;
     type Scratch = I::Scratch;
 
     #[inline(always)]
-    fn primary(&self, ray: &Ray, scratch: &mut I::Scratch) -> Sample {
-        let Pixel { rgb, transmittance, depth } = self.pixel_on(ray, scratch);
-        Sample { unscattered: rgb.into(), transmittance, optical_depth: depth, ..Sample::default() }
+    fn primary(&self, ray: &Ray, scratch: &mut I::Scratch) -> Pixel<f32> {
+        self.pixel_on(ray, scratch)
     }
 
     #[inline(always)]
-    fn li(&self, _: &Ray, sample: &Sample, _: &mut Sampler, _: &mut I::Scratch) -> Sample {
-        *sample
+    fn li(&self, _: &Ray, pixel: &Pixel<f32>, _: &mut Sampler, _: &mut I::Scratch) -> Sample {
+        let Pixel { rgb, transmittance, .. } = *pixel;
+        Sample { unscattered: rgb.into(), transmittance, ..Sample::default() }
+    }
+
+    fn optical_depth(&self, _: &Ray, pixel: &Pixel<f32>, _: &mut I::Scratch) -> f64 {
+        pixel.depth
     }
 
     fn normal(&self, _: &First) -> DVec3 {

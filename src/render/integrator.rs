@@ -15,8 +15,6 @@ pub struct Sample {
     pub indirect: Vec3,
     /// Transmittance of the ray, the mean of the channels.
     pub transmittance: f32,
-    /// Optical depth of the ray.
-    pub optical_depth: f64,
     /// First collision along the ray.
     pub first: Option<First>,
 }
@@ -118,6 +116,9 @@ pub trait Integrator: Sync {
 
     /// Returns an estimate of the light along the ray that was walked last with this scratch memory.
     fn li(&self, ray: &Ray, primary: &Self::Primary, sampler: &mut Sampler, scratch: &mut Self::Scratch) -> Sample;
+
+    /// Returns the optical depth of the ray that was walked last, the mean of the channels.
+    fn optical_depth(&self, ray: &Ray, primary: &Self::Primary, scratch: &mut Self::Scratch) -> f64;
 
     /// Returns the unit vector in which the density falls at a collision; 0 where it is constant.
     fn normal(&self, first: &First) -> DVec3;

@@ -397,6 +397,37 @@ fn overlapping_volumes_add() {
     );
 }
 
+/// The plane of optical depths is exact, whatever the paths estimate transmittances by: of one volume, of two in one
+/// place, and in the mean of the channels.
+#[test]
+fn optical_depths_add() {
+    let field = lumpy(unit());
+    let whole = medium(0.4, ALBEDO, Phase::HenyeyGreenstein(0.3));
+    let one = scene(&field, whole.clone(), vec![], [0.5; 3]);
+    let with = |volumes| Scene { volumes, ..one.clone() };
+    let volume = |extinction, color| Volume::Density(field.clone(), Medium { extinction, color, ..whole.clone() });
+    let cases = [
+        one.volumes.clone(),
+        vec![volume(0.2, [1.0; 3]); 2],
+        vec![volume(0.6, [1.0, 0.5, 0.5])],
+        vec![volume(0.3, [1.0, 0.5, 0.5]); 2],
+    ];
+    let dvr = Dvr::new(&field, Medium::absorbing(0.4)).unwrap().early_stop(0.0).over([0.0; 3]);
+    let (camera, aovs, never) = (camera(&field, 24), [Aov::OpticalDepth], Cancel::NEVER);
+    let expected = film::render(&dvr, &camera, Sampling::grid(8), &aovs, &never).unwrap().film;
+    let deepest = expected.planes[0].samples.iter().copied().fold(0.0, f32::max);
+    for volumes in cases {
+        let scene = with(volumes);
+        let tracer = PathTracer::new(&scene).unwrap();
+        let found = film::render(&tracer, &camera, Sampling::random(64, 1), &aovs, &never).unwrap().film;
+        let pairs = || found.planes[0].samples.iter().zip(&expected.planes[0].samples);
+        let largest = pairs().map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(largest < 0.1 * deepest, "{largest} of {deepest}");
+        let mean = pairs().map(|(a, b)| a - b).sum::<f32>() / pairs().map(|(_, b)| b).sum::<f32>();
+        assert!(mean.abs() < 2e-3, "{mean}");
+    }
+}
+
 /// A chromatic medium is in each channel what a medium of that channel's extinction is, whatever lights it: one channel may
 /// let all light through, and volumes may overlap.
 #[test]

@@ -11,7 +11,7 @@ pub enum Aov {
     /// Variance of the mean over a pixel's rays, as planes `variance.R`, `.G`, `.B` and `.A`; infinite for one ray. For
     /// paths it rests on two halves of them that are independent, pooled over the pixels around.
     Variance,
-    /// Optical depth, the mean over a pixel's rays, as plane `optical_depth.V`.
+    /// Optical depth, the mean over a pixel's rays and the channels, as plane `optical_depth.V`.
     OpticalDepth,
     /// Radiance of lights that was scattered once, as planes `Volume Direct.R`, `.G` and `.B`.
     Direct,

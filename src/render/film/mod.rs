@@ -40,6 +40,7 @@ struct Planes<'a> {
     layers: Vec<Layer>,
     /// Number of their channels.
     stride: usize,
+    depth: bool,
     /// True if slopes are looked up.
     normals: bool,
     /// True if places in other frames are looked up.
@@ -57,6 +58,7 @@ impl<'a> Planes<'a> {
             aovs,
             stride: layers.iter().map(|layer| layer.channels.len()).sum(),
             layers,
+            depth: asks(Aov::OpticalDepth),
             normals: asks(Aov::Normal),
             motion: asks(Aov::Motion),
             variance: asks(Aov::Variance),
@@ -171,6 +173,9 @@ impl<I: Integrator> Shoot<'_, '_, I> {
             let ray = view.camera.ray(place.x, place.y);
             let primary = integrator.primary(&ray, scratch);
             let mut of_ray = [0.0; 4];
+            if planes.depth {
+                pixel.optical_depth += f64::from(per_ray) * integrator.optical_depth(&ray, &primary, scratch);
+            }
             for path in paths {
                 let mut sampler = Sampler::new(seed, in_whole, path);
                 // The first set of numbers is that of the ray's place.

@@ -30,7 +30,6 @@ pub(super) struct Pixel {
 impl Pixel {
     /// Adds what an estimate tells beside the color.
     pub(super) fn add(&mut self, camera: &Camera, sample: &Sample) {
-        self.optical_depth += sample.optical_depth;
         self.direct += sample.direct.as_dvec3();
         self.indirect += sample.indirect.as_dvec3();
         if let Some(first) = sample.first {

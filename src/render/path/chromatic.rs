@@ -114,6 +114,10 @@ impl Media for Chromatic<'_> {
         Primary { depths: one.color * walked.depth, walked: Some(walked), ..Primary::default() }
     }
 
+    fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> DVec3 {
+        self.depths(ray, f64::INFINITY, scratch)
+    }
+
     /// The transmittance is exact. With one volume every ray that meets it collides with it.
     fn first(&self, ray: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Visible {
         let depths = primary.depths;

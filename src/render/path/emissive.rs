@@ -96,6 +96,10 @@ impl<M: Media, G: Glow> Media for Emissive<M, G> {
         Primary { emitted: self.glow.shared(ray, scratch), ..self.media.primary(ray, scratch) }
     }
 
+    fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> DVec3 {
+        self.media.optical_depth(ray, scratch)
+    }
+
     #[inline(always)]
     fn emitted(&self, ray: &Ray, primary: Option<&Primary>, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
         self.glow.emitted(&self.media, ray, primary, sampler, scratch)

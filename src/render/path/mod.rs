@@ -82,6 +82,8 @@ trait Kernel: Sync + Send {
     fn normal(&self, first: &First) -> DVec3;
     /// Walks along a camera's ray.
     fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary;
+    /// Returns the optical depth of a world ray, the mean of the channels.
+    fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> f64;
     /// Traces a path from a camera's ray, which was walked last.
     fn trace(
         &self,
@@ -99,6 +101,10 @@ impl<M: Media> Kernel for M {
 
     fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary {
         Media::primary(self, ray, scratch)
+    }
+
+    fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> f64 {
+        Media::optical_depth(self, ray, scratch).element_sum() / 3.0
     }
 
     fn trace(
@@ -169,6 +175,11 @@ impl Integrator for PathTracer<'_> {
         self.kernel.trace(self, (ray, primary), sampler, scratch)
     }
 
+    /// Exact, whatever the paths estimate the transmittance by.
+    fn optical_depth(&self, ray: &Ray, _: &Primary, scratch: &mut Scratch) -> f64 {
+        self.kernel.optical_depth(ray, scratch)
+    }
+
     fn normal(&self, first: &First) -> DVec3 {
         self.kernel.normal(first)
     }
@@ -197,9 +208,7 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
         let Self { media, lighting, limits, ray, primary, sampler, scratch } = self;
         let Visible { transmittance, collision, spare } = media.first(ray, primary, sampler, scratch);
         let unscattered = transmittance * lighting.background(ray.direction);
-        let transmittance = mean(transmittance);
-        let optical_depth = -f64::from(transmittance.max(f32::MIN_POSITIVE)).ln();
-        let mut out = Sample { unscattered, transmittance, optical_depth, ..Sample::default() };
+        let mut out = Sample { unscattered, transmittance: mean(transmittance), ..Sample::default() };
         if M::GLOWS {
             out.unscattered += media.emitted(ray, Some(primary), sampler, scratch);
         }

@@ -61,6 +61,8 @@ pub(super) trait Media: Sync + Send {
     fn survival(&self, ray: &Ray, distance: f64, weight: Vec3, scratch: &mut Scratch) -> Vec3;
     /// Walks along a camera's ray, before collisions are drawn on it.
     fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary;
+    /// Returns the optical depth of a world ray of unit direction, by channel.
+    fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> DVec3;
     /// Returns an estimate of the radiance of the grids beside the media along a world ray of unit direction, which may
     /// be a camera's ray that was walked before.
     fn emitted(&self, _: &Ray, _: Option<&Primary>, _: &mut Sampler, _: &mut Scratch) -> Vec3 {
@@ -272,6 +274,10 @@ impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
         Primary { walked: Some(self.dvr.walk(ray, &mut scratch.camera)), ..Primary::default() }
     }
 
+    fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> DVec3 {
+        DVec3::splat(self.dvr.optical_depth_within(ray, f64::INFINITY, f64::INFINITY, &mut scratch.tape))
+    }
+
     /// The transmittance is exact, and every ray that meets the medium collides with it.
     #[inline(always)]
     fn first(&self, _: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Visible {
@@ -342,6 +348,10 @@ impl Media for Vec<One<'_, Any, Shaded>> {
     #[inline(always)]
     fn primary(&self, _: &Ray, _: &mut Scratch) -> Primary {
         Primary::default()
+    }
+
+    fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> DVec3 {
+        self.iter().map(|one| one.optical_depth(ray, scratch)).sum()
     }
 
     #[inline(always)]

@@ -79,9 +79,10 @@ impl Budget {
                 let allowed = (OF_REST * (REST * tolerance - rest)).max(by_absorption);
                 rest += error.min(allowed);
                 if error > allowed && level < MOST_LEVELS {
-                    // The error falls with the square of the number of parts.
+                    // The error falls with the square of the number of parts, of which there is no end where none is
+                    // allowed.
                     let wanted = 1.1 * (error / allowed.max(f64::MIN_POSITIVE)).sqrt();
-                    errors.parts[i] = (wanted as usize + 1).clamp(2, MOST_PARTS) as u8;
+                    errors.parts[i] = (wanted.min(MOST_PARTS as f64) as usize + 1).clamp(2, MOST_PARTS) as u8;
                     whole = false;
                 }
             }
