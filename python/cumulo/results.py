@@ -120,6 +120,9 @@ class Provenance(Report):
     """Command line, its words quoted for a shell; of work for another face, what that calls itself."""
     inputs: dict[str, str]
     """SHA-256 of the bytes of each input in hexadecimal digits, by the input's path."""
+    resumable: str | None = None
+    """SHA-256 of the settings that `resume` compares, in hexadecimal digits: all but those of where the work begins,
+    how far it goes and where it writes; empty for work that does not go on from its output."""
     seconds: float | None
     """Seconds from the start of the work to the writing of the output."""
     settings: str | None = None
@@ -708,7 +711,7 @@ class Difference(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FileInfo(Report):
-    """Content of a file, tagged in JSON with the name of its `Format`."""
+    """Content of a file, tagged in JSON with its `FileKind`."""
 
     error: dict[str, Any] | None = None
     """Error that kept the file, or a layer of a stage, from being read."""
