@@ -139,8 +139,11 @@ fn tell<T>(context: &Context, number: u32, result: &Result<T>) {
     }
 }
 
+/// Results that are there, and the frames that failed.
+pub(crate) type Parted<T> = (Vec<(u32, T)>, Vec<Failed>);
+
 /// Parts the results into those that are there and the frames that failed.
-pub(crate) fn parted<T>(results: Results<T>) -> (Vec<(u32, T)>, Vec<Failed>) {
+pub(crate) fn parted<T>(results: Results<T>) -> Parted<T> {
     let (mut done, mut failed) = (Vec::new(), Vec::new());
     for (number, result) in results {
         match result {
@@ -155,7 +158,7 @@ pub(crate) fn parted<T>(results: Results<T>) -> (Vec<(u32, T)>, Vec<Failed>) {
 ///
 /// # Errors
 /// If all frames fail: that of the first one.
-pub(crate) fn some<T>(mut results: Results<T>) -> Result<(Vec<(u32, T)>, Vec<Failed>)> {
+pub(crate) fn some<T>(mut results: Results<T>) -> Result<Parted<T>> {
     if results.is_empty() || results.iter().any(|(_, result)| result.is_ok()) {
         return Ok(parted(results));
     }
