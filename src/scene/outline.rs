@@ -105,6 +105,7 @@ impl<R: Real> Bricks<R> {
 }
 
 /// Index coordinates of a stored voxel from the first voxel of its brick.
+#[inline]
 fn place(i: usize) -> DVec3 {
     DVec3::from_array([i / EDGE / EDGE, i / EDGE % EDGE, i % EDGE].map(|v| v as f64))
 }

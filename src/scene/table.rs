@@ -85,6 +85,7 @@ impl Table {
     }
 
     /// Value at a density.
+    #[inline]
     pub fn at(&self, density: f64) -> Rgbs {
         let ([low, high], [a, b]) = self.ends(self.piece(density));
         if !(high - low).is_finite() {
