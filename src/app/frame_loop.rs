@@ -7,7 +7,7 @@ use crate::formats::limits::Limits;
 use rayon::prelude::*;
 
 /// Result of each frame, in ascending order.
-pub type Results<T> = Vec<(u32, Result<T>)>;
+pub(crate) type Results<T> = Vec<(u32, Result<T>)>;
 
 /// A loop over frames, given in ascending order, under one bar. A frame that fails does not stop the others; one that
 /// was stopped by the user stops them all.

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 /// The pictures that a task reads.
 #[derive(Debug, Clone, Copy)]
-pub struct Captured<'c> {
+pub(crate) struct Captured<'c> {
     /// File that the capture lies in.
     pub json: &'c Path,
     /// Cameras and paths of the pictures.
@@ -41,7 +41,7 @@ pub(crate) fn without_result(error: Error) -> Error {
 
 /// A long task that has begun.
 #[derive(Debug)]
-pub struct Task {
+pub(crate) struct Task {
     /// Provenance of the output: command line and inputs.
     pub provenance: Provenance,
     /// File that the search begins with; none to begin from nothing.

@@ -27,7 +27,7 @@ const ONE_EXPLAINED: f64 = 0.2;
 
 /// Displacement of a picture by the step of its camera that brings it nearest to the render.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Displacement {
+pub(crate) struct Displacement {
     /// Root mean square in pixels, over the points.
     pub pixels: f64,
     /// Share of the squared differences between picture and render that the step takes away, to first order.

@@ -25,7 +25,7 @@ pub(crate) fn stride(pixels: usize, pictures: usize) -> usize {
 
 /// Some pixels of a picture, kept when the picture itself is not.
 #[derive(Debug, Clone)]
-pub struct Excerpt {
+pub(crate) struct Excerpt {
     /// Camera of the picture.
     pub camera: Camera,
     /// Named in messages: the file.
@@ -40,7 +40,7 @@ pub struct Excerpt {
 
 impl Excerpt {
     /// Takes the `pairs` of neighbours of one of so many pictures, and its pixels at the `stride`.
-    pub fn new(photo: &Photo, pictures: usize) -> Self {
+    pub(crate) fn new(photo: &Photo, pictures: usize) -> Self {
         let Photo { camera, film, name, .. } = photo;
         let pairs = pairs(film.width, film.height).flat_map(|first| [first, first + 1]);
         let strided = (0..film.rgba.len()).step_by(stride(film.rgba.len(), pictures));

@@ -17,7 +17,7 @@ const VIEWS: usize = 16;
 
 /// Sums over pixels of the views that were used.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Residuals {
+pub(crate) struct Residuals {
     count: f64,
     /// Of the mean of red, green and blue, picture less render.
     sum: f64,
@@ -44,7 +44,7 @@ const OPAQUE: f32 = 0.98;
 impl Residuals {
     /// Compares pairs of neighbouring pixels of the used views with their renders; none once the work is to stop, or
     /// where there are none.
-    pub fn new<I: Differentiable<Real = f32>>(
+    pub(crate) fn new<I: Differentiable<Real = f32>>(
         renderer: &Composited<I>,
         excerpts: &[Excerpt],
         held_out: &[usize],

@@ -15,7 +15,7 @@ use std::path::PathBuf;
 
 /// Figures of a frame.
 #[derive(Debug, Clone, Serialize, JsonSchema)]
-pub struct Figures {
+pub(super) struct Figures {
     pub frame: u32,
     /// `null` for identical colors.
     pub psnr_db: Option<f64>,
@@ -30,7 +30,7 @@ pub struct Figures {
 
 /// Figures of a sequence against its reference.
 #[derive(Debug, Serialize, JsonSchema)]
-pub struct Track {
+pub(super) struct Track {
     pub frames: Vec<Figures>,
     /// Of the mean squared error over all frames, for the largest peak.
     pub psnr_db: Option<f64>,
@@ -122,7 +122,7 @@ impl fmt::Display for SequencesReport {
 
 /// Comparison of a sequence with its reference, frame by frame.
 #[derive(Debug)]
-pub struct Gauge {
+pub(super) struct Gauge {
     space: Space,
     with_flip: bool,
     frames: Vec<Figures>,
@@ -135,7 +135,7 @@ pub struct Gauge {
 
 impl Gauge {
     /// Begins a comparison of values in a space, with FLIP or without.
-    pub fn new(space: Space, with_flip: bool) -> Self {
+    pub(super) fn new(space: Space, with_flip: bool) -> Self {
         Self { space, with_flip, frames: Vec::new(), errors: Vec::new(), changes: Vec::new(), peak: 0.0, before: None }
     }
 

@@ -15,7 +15,7 @@ const RATE: u16 = 8;
 
 /// Frames for the page, gathered while they are compared.
 #[derive(Debug)]
-pub struct Gallery {
+pub(super) struct Gallery {
     /// Where the frames of the moving picture lie in the sequence: `MOST_FRAMES` around its middle.
     from: usize,
     moving: Vec<StripFrame>,
@@ -25,7 +25,7 @@ pub struct Gallery {
 
 impl Gallery {
     /// Gathers frames of a sequence of `count`.
-    pub fn new(count: usize) -> Self {
+    pub(super) fn new(count: usize) -> Self {
         Self { from: count.saturating_sub(MOST_FRAMES) / 2, moving: Vec::new(), worst: None }
     }
 

@@ -8,7 +8,7 @@ use std::borrow::Cow;
 
 /// Space of the values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Space {
+pub(super) enum Space {
     /// Scene-linear values.
     Linear,
     /// Display values: sRGB, clipped to 0..1.

@@ -15,7 +15,7 @@ const ROUNDED: &str = "the conversion rounds to 32-bit floats: give a ⟨toleran
 
 /// A picture that was read to be compared with a reference.
 #[derive(Debug)]
-pub struct Matched {
+pub(super) struct Matched {
     pub film: Film,
     /// Name of the layer that was read.
     pub layer: String,

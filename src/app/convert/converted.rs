@@ -7,7 +7,7 @@ use serde::Serialize;
 
 /// Report of a grid.
 #[derive(Debug, Default, Serialize, schemars::JsonSchema)]
-pub struct ConvertedGrid {
+pub(super) struct ConvertedGrid {
     pub name: String,
     pub from: String,
     pub active_voxels: u64,

@@ -17,7 +17,7 @@ pub enum Form {
 
 /// Form that a grid was given.
 #[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
-pub struct Formed {
+pub(crate) struct Formed {
     /// Form of the grid now.
     pub form: Form,
     /// Density of the surface; none for a fog volume.

@@ -16,7 +16,7 @@ use crate::scene::transfer::Transfer;
 use crate::text::bytes as human;
 
 /// A grid in the course of its edits, with the entry that the report will have for it.
-pub struct GridEdit<'e> {
+pub(super) struct GridEdit<'e> {
     pub native: &'e mut NativeGrid,
     /// Facts about the grid as the last edit of its voxels left it.
     pub info: GridInfo,
@@ -160,7 +160,7 @@ impl<'e> GridEdit<'e> {
 pub(crate) const ONE_BY_ONE: &str = "raise ⟨max_memory⟩, or convert the grids one by one with ⟨grid⟩";
 
 /// Memory of all grids of a conversion together, in bytes.
-pub struct Budget {
+pub(super) struct Budget {
     pub held: u64,
     pub limit: u64,
 }

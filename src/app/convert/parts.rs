@@ -8,7 +8,7 @@ use crate::scene::grid::MetaValue;
 use std::collections::BTreeMap;
 
 /// Grids of one file that are written, in this order.
-pub struct Part<'f> {
+pub(super) struct Part<'f> {
     pub file: &'f File,
     /// Unique names in the file.
     pub names: Vec<String>,

@@ -41,7 +41,7 @@ impl FromStr for Merge {
 
 /// Where one grid, or three of them, come from; names are the unique ones of the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum GridSource {
+pub(super) enum GridSource {
     /// A grid as it is.
     Whole(String),
     /// The components of a grid of vectors.

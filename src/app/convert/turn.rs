@@ -19,7 +19,7 @@ const TURNED: &str = ", turned from a file of ";
 
 /// A turn of the world by a quarter about x, or none where the axes are equal.
 #[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
-pub struct Turn {
+pub(super) struct Turn {
     /// Up axis of the input.
     pub from: Up,
     /// Up axis of the output.

@@ -20,7 +20,7 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::time::Instant;
 
 /// A sequence to denoise.
-pub struct Sequence<'s> {
+pub(super) struct Sequence<'s> {
     pub numbers: &'s [u32],
     pub inputs: &'s [PathBuf],
     pub outputs: &'s [PathBuf],
@@ -31,7 +31,7 @@ pub struct Sequence<'s> {
 
 /// Outcome of a sequence.
 #[derive(Debug, Default)]
-pub struct Done {
+pub(super) struct Done {
     pub denoised: usize,
     /// Frames that failed, and why.
     pub failed: Vec<(u32, Error)>,
@@ -65,7 +65,7 @@ impl Sequence<'_> {
     ///
     /// # Errors
     /// If the settings cannot be used, or the work is interrupted.
-    pub fn run(
+    pub(super) fn run(
         &self,
         plan: &Plan,
         settings: Settings,

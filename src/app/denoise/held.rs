@@ -11,7 +11,7 @@ const PIXEL_BYTES: u64 = 580;
 
 /// Files by place in the sequence.
 #[derive(Debug)]
-pub struct ReadAhead {
+pub(super) struct ReadAhead {
     budget: u64,
     bytes: u64,
     documents: BTreeMap<usize, Document>,
@@ -19,7 +19,7 @@ pub struct ReadAhead {
 
 impl ReadAhead {
     /// Holds nothing of a sequence of so many pixels, of all layers together.
-    pub fn new(pixels: usize, limits: Limits) -> Self {
+    pub(super) fn new(pixels: usize, limits: Limits) -> Self {
         let all = PROCESS_BYTES.min(limits.max_memory / 2);
         let budget = all.saturating_sub(PIXEL_BYTES * pixels as u64);
         Self { budget, bytes: 0, documents: BTreeMap::new() }

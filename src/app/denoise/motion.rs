@@ -108,7 +108,7 @@ impl FromStr for Motion {
 
 /// Motion of a frame in pixels to the right and downwards, by pixel.
 #[derive(Debug, Clone, Default)]
-pub struct Moved {
+pub(super) struct Moved {
     /// The place in the frame denoised before minus that now; `None` if it is not known.
     pub toward: Option<Vec<Vec2>>,
     /// The place in the other neighbour minus that now, where `toward` is not known.
@@ -126,14 +126,14 @@ impl Moved {
 }
 
 /// Motions of the frames, read or traced one after the other.
-pub struct Motions<'m> {
+pub(super) struct Motions<'m> {
     motion: &'m Motion,
     limits: Limits,
     tracing: Option<Tracing>,
 }
 
 /// Frame whose motion is asked for.
-pub struct MotionRequest<'a> {
+pub(super) struct MotionRequest<'a> {
     pub document: &'a Document,
     /// Number of the view among the document's.
     pub view: usize,
@@ -148,7 +148,7 @@ impl<'m> Motions<'m> {
     ///
     /// # Errors
     /// If cameras cannot be read, or do not fit the frames.
-    pub fn new(motion: &'m Motion, numbers: &[u32], limits: Limits) -> Result<Self> {
+    pub(super) fn new(motion: &'m Motion, numbers: &[u32], limits: Limits) -> Result<Self> {
         let tracing = match motion {
             Motion::Volume { input, cameras } => {
                 Some(Tracing::new(input, cameras, numbers, Choices::default(), limits)?)

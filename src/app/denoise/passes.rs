@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 const THUMBNAIL: usize = 16;
 
 /// Mean colors of parts of a picture, by which cuts are found.
-pub type Thumbnail = Vec<Vec3>;
+pub(super) type Thumbnail = Vec<Vec3>;
 
 /// Rows and columns of which one is looked at for a thumbnail.
 const LOOK: usize = 2;
@@ -86,7 +86,7 @@ impl Course {
 
 /// Denoisers of the layers of a view, and what they see of the frames that follow.
 #[derive(Debug)]
-pub struct Directions {
+pub(super) struct Directions {
     method: Method,
     settings: Settings,
     find_cuts: bool,
@@ -107,7 +107,7 @@ pub struct Directions {
 
 impl Directions {
     /// Creates denoisers that have seen nothing.
-    pub fn new(method: Method, settings: Settings, find_cuts: bool, mapped: bool) -> Self {
+    pub(super) fn new(method: Method, settings: Settings, find_cuts: bool, mapped: bool) -> Self {
         Self {
             method,
             settings,

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 /// Step of the work on a sequence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Step {
+pub(super) enum Step {
     /// A piece of work begins that depends on no earlier one.
     Begin,
     /// The frames after the next ones come, the last one first.
@@ -21,7 +21,7 @@ pub enum Step {
 
 /// Frame to be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Read {
+pub(super) struct Read {
     pub frame: usize,
     /// False where the frame is looked at from those after it.
     pub forward: bool,
@@ -32,7 +32,7 @@ pub struct Read {
 
 /// Steps of a sequence.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Plan {
+pub(super) struct Plan {
     pub steps: Vec<Step>,
 }
 
@@ -53,7 +53,7 @@ impl Plan {
     /// that is given, are denoised on their own, after `overlap` frames that come before. With `two_way`, frames are
     /// looked at backwards first, `kept` of them at a time, from `overlap` frames behind, and the first ones are
     /// denoised twice where none come before.
-    pub fn new(write: &[bool], two_way: bool, chunk: Option<u32>, overlap: usize, kept: usize) -> Self {
+    pub(super) fn new(write: &[bool], two_way: bool, chunk: Option<u32>, overlap: usize, kept: usize) -> Self {
         let mut steps = Vec::new();
         for run in runs(write, chunk) {
             steps.push(Step::Begin);

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Reader of the frames of a sequence.
-pub struct Reader<'r> {
+pub(super) struct Reader<'r> {
     pub settings: &'r DenoiseSettings,
     pub numbers: &'r [u32],
     pub inputs: &'r [PathBuf],

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 /// Channels of a document that are denoised together.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Target {
+pub(super) struct Target {
     pub part: usize,
     pub channels: Vec<usize>,
     /// Channel of the alpha that shows its outlines, if there is one.
@@ -19,14 +19,14 @@ pub struct Target {
 
 /// Layer of a frame.
 #[derive(Debug)]
-pub struct Layer {
+pub(super) struct Layer {
     pub color: Vec<Vec3>,
     pub alpha: Option<Arc<Vec<f32>>>,
 }
 
 /// One of the views of a frame, such as an eye of stereo, which has a history of its own; most frames have one.
 #[derive(Debug)]
-pub struct View {
+pub(super) struct View {
     pub size: [usize; 2],
     /// Channels of the layers.
     pub targets: Vec<Target>,
@@ -45,7 +45,7 @@ impl View {
 
 /// Colors and motion of a frame.
 #[derive(Debug)]
-pub struct Shot {
+pub(super) struct Shot {
     pub views: Vec<View>,
     /// Number of pixels that are not finite in color or alpha, each view's counted once whatever its layers.
     pub filled: usize,

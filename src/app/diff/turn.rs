@@ -13,7 +13,7 @@ use std::fmt;
 
 /// A turn of the second volume about x, and how far it is then from the first.
 #[derive(Debug, Serialize, JsonSchema)]
-pub struct Turned {
+pub(super) struct Turned {
     /// Up axis of the second volume if this is a matter of up axes; the first has the other one.
     second_up: Up,
     /// Angle of the turn about x in degrees, 90 or -90.

@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// Content of a file or folder of images, by its headers.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub struct Summary {
+pub(super) struct Summary {
     /// Name of the format.
     kind: &'static str,
     images: Vec<Entry>,

@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// Content of a NanoVDB file, by its directory.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub struct Summary {
+pub(super) struct Summary {
     /// Version of the library that wrote the file.
     version: String,
     grids: Vec<Grid>,

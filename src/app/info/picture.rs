@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// Content of a picture, by its header.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub struct Summary {
+pub(super) struct Summary {
     /// Name of the format.
     kind: &'static str,
     /// Width and height in pixels.

@@ -34,7 +34,7 @@ const RANGE_PERCENTILE: usize = 99;
 
 /// The pictures that a volume was reconstructed from, and how well it explains them.
 #[derive(Debug, Clone, Copy)]
-pub struct Fit<'f> {
+pub(super) struct Fit<'f> {
     /// Excerpts of all pictures of the capture; the held-out ones among them have no say in the confidence.
     pub excerpts: &'f [Excerpt],
     /// The reconstruction's request.

@@ -79,7 +79,7 @@ pub(super) struct Solved {
 impl<'t> VolumeTask<'t> {
     /// Begins with a capture that was loaded, for a VDB and the folder of a page; the clock of the first stage, which
     /// reads the pictures, starts here.
-    pub fn new(
+    pub(super) fn new(
         task: Task,
         input: LoadedCapture,
         (vdb, page): (&'t Path, Option<&'t Path>),

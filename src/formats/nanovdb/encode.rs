@@ -161,7 +161,7 @@ impl<V: Value> Nodes<'_, V> {
     ///
     /// # Errors
     /// If it exceeds the limits.
-    pub fn encode(&self, volume: &Volume, limits: Limits) -> Result<Encoded> {
+    pub(super) fn encode(&self, volume: &Volume, limits: Limits) -> Result<Encoded> {
         let kind = V::KIND;
         let sizes = self.sizes();
         let tree = sizes.iter().sum::<usize>();

@@ -16,7 +16,7 @@ const HALVES: [&str; 2] = ["half_a", "half_b"];
 
 /// Files of a side.
 #[derive(Debug)]
-pub struct Side<'s> {
+pub(super) struct Side<'s> {
     pub which: Which,
     pub picture: &'s Path,
     pub repeats: &'s [PathBuf],
@@ -28,7 +28,7 @@ pub struct Side<'s> {
 /// Where a side's variances come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Source {
+pub(super) enum Source {
     /// The side counts as free of noise.
     None,
     /// Several renders.
@@ -41,7 +41,7 @@ pub enum Source {
 
 /// Noise of a side.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
-pub struct Noise {
+pub(super) struct Noise {
     pub source: Source,
     /// Number of pictures read.
     pub pictures: usize,
@@ -54,7 +54,7 @@ pub struct Noise {
 
 /// A side that was read.
 #[derive(Debug)]
-pub struct Read {
+pub(super) struct Read {
     pub estimate: Estimate,
     pub noise: Noise,
 }
