@@ -3,7 +3,7 @@
 //!
 //! Alpha tells the optical depth, in which the extinctions are linear
 //! ([`multilevel`]). With these the transmittance is known everywhere, and the
-//! colors are linear in the emissions ([`emission`](crate::inverse::projection::emission)): both are least squares in
+//! colors are linear in the emissions (`projection::emission`): both are least squares in
 //! the metric of the smoothness prior, without learning rates, and without the noise that descending in both at
 //! once leaves (Weiss & Westermann 2021, sect. 5.3).
 

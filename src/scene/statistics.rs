@@ -24,7 +24,7 @@ pub struct Statistics {
     pub negative: u64,
     /// Number of finite values whose magnitude exceeds the largest half-precision number (65504).
     pub above_half: u64,
-    /// Counts in [`BINS`] bins of equal width from `min` to `max`; empty if there are no finite values.
+    /// Counts in 16 bins of equal width from `min` to `max`; empty if there are no finite values.
     pub histogram: Vec<u64>,
 }
 

@@ -57,7 +57,7 @@ const TABLE_LIMIT: i64 = 1 << 28;
 /// Number of table entries for the box of bricks from `min` to `max`, both included.
 ///
 /// # Errors
-/// If the table would exceed [`TABLE_LIMIT`] entries; the error states the extent.
+/// If the table would exceed 2²⁸ entries; the error states the extent.
 pub fn table_entries(min: IVec3, max: IVec3) -> Result<usize> {
     let extent = max.as_i64vec3() - min.as_i64vec3() + 1;
     let entries = extent.x.checked_mul(extent.y).and_then(|e| e.checked_mul(extent.z));

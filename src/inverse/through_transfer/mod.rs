@@ -2,7 +2,7 @@
 //!
 //! Through a function that is not monotonic, descent from an arbitrary start ends in the nearest minimum. So the start
 //! is found without descent (Weiss & Westermann 2021, sect. 5.3): a pre-shaded volume, whose parts are linear in the
-//! pictures ([`color`]), then the densities that match its colors ([`matching`]). Descent then adds the detail that the
+//! pictures ([`color`]), then the densities that match its colors (`matching`). Descent then adds the detail that the
 //! volume's resolution lost ([`fit`](crate::inverse::density::descent)).
 
 pub mod alternatives;
