@@ -428,7 +428,11 @@ fn a_search_goes_on_where_it_was_left() {
     // Motion is told from where the capture has its cameras, not from where the search went on.
     assert!((on["cameras"][0]["rotated_degrees"].as_f64().unwrap() - 2.0).abs() < 0.1, "{on}");
     work.json("render a.vdb --views 3 --size 32x32 -o other");
-    work.refused("pose other --volume a.vdb -o c/found.json --resume", Code::Invalid, &["c/found.json", "--resume"]);
+    work.refused(
+        "pose other --volume a.vdb -o c/found.json --resume",
+        Code::OutputExists,
+        &["c/found.json", "--resume"],
+    );
 }
 
 #[test]

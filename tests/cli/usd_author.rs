@@ -388,10 +388,10 @@ fn only_its_own_stages_are_replaced() {
     let command = "usd author plume.vdb -o stage.usda";
     work.json(command);
     work.json(command);
-    work.refused("usd author plume.vdb --albedo 0.5 -o stage.usda", Code::Invalid, &["stage.usda", "--overwrite"]);
+    work.refused("usd author plume.vdb --albedo 0.5 -o stage.usda", Code::OutputExists, &["stage.usda", "--overwrite"]);
     work.json("usd author plume.vdb --albedo 0.5 -o stage.usda --overwrite");
     fs::write(work.path("other.usda"), "#usda 1.0\n").unwrap();
-    work.refused("usd author plume.vdb -o other.usda", Code::Invalid, &["other.usda", "--overwrite"]);
+    work.refused("usd author plume.vdb -o other.usda", Code::OutputExists, &["other.usda", "--overwrite"]);
     assert_eq!(fs::read_to_string(work.path("other.usda")).unwrap(), "#usda 1.0\n");
     work.refused("usd author plume.vdb -o stage.vdb", Code::OutputName, &["stage.vdb", ".usda"]);
     work.refused("usd author none.vdb -o a.usda", Code::NotFound, &["none.vdb"]);
