@@ -52,7 +52,7 @@ value_enum!(Choice for EmissionModel {
 
 value_enum!(Choice for Aov {
     Variance: "variance", "Variance of the mean over a pixel's rays: variance.R, .G, .B and .A";
-    OpticalDepth: "optical-depth", "Optical depth, the mean over a pixel's rays: optical_depth.V";
+    OpticalDepth: "optical-depth", "Optical depth, the mean over a pixel's rays and the channels: optical_depth.V";
     Direct: "direct", "Light scattered once: Volume Direct.R, .G and .B (path tracing)";
     Indirect: "indirect", "Light scattered more often: Volume Indirect.R, .G and .B (path tracing)";
     Albedo: "albedo", "Albedo at first collisions, by their share: Denoising Albedo.R, .G and .B (path tracing)";

@@ -277,7 +277,7 @@ impl Corpus {
             function("categories.json", Syntax::Json),
         ];
 
-        // Each is judged by `--resume`, and read by `--init`.
+        // Each is read by `--init`, and judged by `--resume`, which refuses it: it was made elsewhere.
         let resumed = |name: &str, syntax, commands: [&'static str; 2]| {
             single("resumed output", name, read(name), syntax, &commands)
         };
@@ -286,40 +286,40 @@ impl Corpus {
                 "density.vdb",
                 Syntax::Binary,
                 [
-                    "reconstruct density @capture --resolution 8 --iterations 1 --resume -o >{}",
                     "reconstruct density @capture --resolution 8 --iterations 1 --init {} -o >found.vdb",
+                    "reconstruct density @capture --resolution 8 --iterations 1 --resume -o >{}",
                 ],
             ),
             resumed(
                 "shaded.vdb",
                 Syntax::Binary,
                 [
-                    "reconstruct color @glow --resolution 8 --iterations 1 --resume -o >{}",
                     "reconstruct color @glow --resolution 8 --iterations 1 --init {} -o >found.vdb",
+                    "reconstruct color @glow --resolution 8 --iterations 1 --resume -o >{}",
                 ],
             ),
             resumed(
                 "found.tf.json",
                 Syntax::Json,
                 [
-                    "reconstruct tf @glow --volume @plume.vdb --texels 8 --rays 128 --iterations 1 --resume -o >{}",
                     "reconstruct tf @glow --volume @plume.vdb --texels 8 --rays 128 --iterations 1 --init {} -o >o.tf.json",
+                    "reconstruct tf @glow --volume @plume.vdb --texels 8 --rays 128 --iterations 1 --resume -o >{}",
                 ],
             ),
             resumed(
                 "best.json",
                 Syntax::Json,
                 [
-                    "viewpoint @plume.vdb --starts 1 --iterations 1 --size 8x8 --resume -o >{}",
                     "viewpoint @plume.vdb --starts 1 --iterations 1 --size 8x8 --init {} -o >found.json",
+                    "viewpoint @plume.vdb --starts 1 --iterations 1 --size 8x8 --resume -o >{}",
                 ],
             ),
             resumed(
                 "posed.json",
                 Syntax::Json,
                 [
-                    "pose @capture --volume @plume.vdb --iterations 1 --resume -o >{}",
                     "pose @capture --volume @plume.vdb --iterations 1 --init {} -o >found.json",
+                    "pose @capture --volume @plume.vdb --iterations 1 --resume -o >{}",
                 ],
             ),
         ];
