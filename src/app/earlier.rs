@@ -2,12 +2,13 @@
 //! frames stay as they are, and what a search goes on from.
 
 use super::outputs::Content;
-use super::provenance::{INPUTS, Provenance, RESUMABLE, SETTINGS};
+use super::provenance::{self, INPUTS, Provenance, RESUMABLE, SETTINGS, VDB_INPUTS};
 use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::File;
 use crate::formats::{exr, input, png, protected, transforms};
 use crate::scene::grid::MetaValue;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// State of the place where an output is to be written.
@@ -176,20 +177,22 @@ pub(crate) struct InitialGuess<'s> {
 }
 
 impl<'s> InitialGuess<'s> {
-    /// Returns the file that the search `own` begins with; none to begin from nothing.
+    /// Returns what the search `own` begins with; none to begin from nothing.
     ///
     /// # Errors
     /// If the search is to go on from an output that its settings did not make, or from two files.
-    pub(crate) fn file(self, own: &Provenance) -> Result<Option<&'s Path>> {
+    pub(crate) fn beginning(self, own: &Provenance) -> Result<Option<Beginning>> {
         let Self { init, resume, output, overwrite } = self;
         if resume && init.is_some() {
             return Err(Error::invalid("⟨init⟩ and ⟨resume⟩ each say where to begin").hint("give one of them"));
         }
         if !resume || !output.exists() {
-            return Ok(init);
+            return Ok(init.map(|file| Beginning { file: file.into(), inputs: BTreeMap::new(), or_anew: false }));
         }
-        let what = match resumable(output) {
-            Some(earlier) if own.goes_on_from(&earlier) => return Ok(Some(output)),
+        let what = match stated(output) {
+            Some((resumable, inputs)) if own.goes_on_from(&resumable) => {
+                return Ok(Some(Beginning { file: output.into(), inputs, or_anew: overwrite == Some(true) }));
+            }
             _ if overwrite == Some(true) => return Ok(None),
             Some(_) => "⟨resume⟩: other settings made the output that lies here",
             None => "⟨resume⟩: the file that lies here does not state the settings that made it",
@@ -203,14 +206,52 @@ impl<'s> InitialGuess<'s> {
     }
 }
 
-/// Returns the hash by which `resume` knows a search's output, a VDB or a JSON; none if it states none.
-fn resumable(output: &Path) -> Option<String> {
-    let of_volume = || File::open(output, Limits::default()).ok()?.metadata().ok()?.remove(RESUMABLE);
-    let stated = match protected::unprotected(output, of_volume) {
-        Some(MetaValue::Text(text)) => text,
-        _ => provenance(output)?.resumable,
+/// File that a search begins with.
+#[derive(Debug)]
+pub(crate) struct Beginning {
+    pub file: PathBuf,
+    /// Hashes of the inputs that it was made from by their names, if it is the output of an earlier run.
+    inputs: BTreeMap<String, String>,
+    /// True to begin from nothing where these have changed.
+    pub or_anew: bool,
+}
+
+impl Beginning {
+    /// Makes sure that the inputs of the search `own`, as far as they are known, are those that the file was made from.
+    ///
+    /// # Errors
+    /// If one has changed; the error names it.
+    pub(crate) fn check(&self, own: &Provenance) -> Result<()> {
+        let changed = |(name, hash): &(&String, &String)| self.inputs.get(*name).is_some_and(|then| then != *hash);
+        match own.inputs.iter().find(changed) {
+            Some((name, _)) => Err(Error::invalid("⟨resume⟩: the output that lies here was made from other content")
+                .coded(Code::OutputExists)
+                .at(&self.file)
+                .hint(format!(
+                    "'{name}' has changed since; to start from the output all the same, give it as ⟨init⟩ and the output \
+                     another name"
+                ))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Returns the hash by which `resume` knows a search's output, a VDB or a JSON, and those of its inputs by their names;
+/// none if it states none.
+fn stated(output: &Path) -> Option<(String, BTreeMap<String, String>)> {
+    let of_volume = || {
+        let mut metadata = File::open(output, Limits::default()).ok()?.metadata().ok()?;
+        Some((metadata.remove(RESUMABLE)?, metadata.remove(VDB_INPUTS)?))
     };
-    Some(stated).filter(|text| !text.is_empty())
+    let (resumable, inputs) = match protected::unprotected(output, of_volume) {
+        Some((MetaValue::Text(resumable), MetaValue::Text(inputs))) => {
+            let pairs =
+                provenance::inputs_of(&inputs).map(|(name, hash)| (name.display().to_string(), hash.to_owned()));
+            (resumable, pairs.collect())
+        }
+        _ => provenance(output).map(|earlier| (earlier.resumable, earlier.inputs))?,
+    };
+    (!resumable.is_empty()).then_some((resumable, inputs))
 }
 
 /// Returns where a JSON comes from, if it tells.

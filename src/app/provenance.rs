@@ -18,6 +18,8 @@ pub(crate) const SETTINGS: &str = "cumulo:settings";
 
 /// Attribute of a picture that holds the hashes of what it was made from.
 pub(crate) const INPUTS: &str = "cumulo:input";
+/// Metadata of a VDB that holds the hashes of its inputs.
+pub(crate) const VDB_INPUTS: &str = "cumulo_input";
 /// Metadata of a VDB that holds the hash of the settings that `resume` compares.
 pub(crate) const RESUMABLE: &str = "cumulo_resumable";
 
@@ -137,7 +139,7 @@ impl Provenance {
         all.insert("creator".into(), MetaValue::Text(self.software.clone()));
         all.insert("cumulo_command".into(), MetaValue::Text(self.command.clone()));
         all.insert("cumulo_seconds".into(), MetaValue::Float(self.seconds));
-        all.insert("cumulo_input".into(), MetaValue::Text(self.hashes()));
+        all.insert(VDB_INPUTS.into(), MetaValue::Text(self.hashes()));
         if !self.resumable.is_empty() {
             all.insert(RESUMABLE.into(), MetaValue::Text(self.resumable.clone()));
         }
@@ -168,7 +170,7 @@ impl Provenance {
 }
 
 /// Returns the paths and hashes of the inputs that an attribute names.
-fn inputs_of(attribute: &str) -> impl Iterator<Item = (&Path, &str)> {
+pub(crate) fn inputs_of(attribute: &str) -> impl Iterator<Item = (&Path, &str)> {
     const HASH: usize = 64;
     let mut rest = attribute;
     std::iter::from_fn(move || {

@@ -1,7 +1,7 @@
 //! A long task: its inputs and its interruption.
 
 use super::context::Context;
-use super::earlier::InitialGuess;
+use super::earlier::{Beginning, InitialGuess};
 use super::outputs::{self, Content};
 use super::photos;
 use super::provenance::Provenance;
@@ -45,7 +45,7 @@ pub(crate) struct Task {
     /// Provenance of the output: command line and inputs.
     pub provenance: Provenance,
     /// File that the search begins with; none to begin from nothing.
-    pub initial_guess: Option<PathBuf>,
+    pub initial_guess: Option<Beginning>,
     /// Memory that the task may take.
     pub limits: Limits,
     /// Who watches the task, and what stops it.
@@ -75,19 +75,24 @@ impl Task {
     /// States the settings of a search, and where it begins.
     ///
     /// # Errors
-    /// Those of [`InitialGuess::file`].
+    /// Those of [`InitialGuess::beginning`].
     pub(crate) fn search(&mut self, use_case: &str, settings: &impl Serialize, guess: InitialGuess<'_>) -> Result<()> {
         self.provenance = self.provenance.clone().of_search(use_case, settings);
-        self.initial_guess = guess.file(&self.provenance)?.map(Path::to_path_buf);
+        self.initial_guess = guess.beginning(&self.provenance)?;
         Ok(())
     }
 
     /// Reads the file that the search begins with, if there is one, by `read`. The output may be replaced all the same.
     ///
     /// # Errors
-    /// Those of `read`.
+    /// Those of `read`, and of [`Beginning::check`]: inputs are to be read before.
     pub(crate) fn read_initial_guess<T>(&self, read: impl FnOnce(&Path) -> Result<T>) -> Result<Option<T>> {
-        self.initial_guess.as_deref().map(|path| protected::unprotected(path, || read(path))).transpose()
+        let Some(beginning) = &self.initial_guess else { return Ok(None) };
+        match beginning.check(&self.provenance) {
+            Err(_) if beginning.or_anew => return Ok(None),
+            checked => checked?,
+        }
+        protected::unprotected(&beginning.file, || read(&beginning.file)).map(Some)
     }
 
     /// Reads the pictures of a capture, and returns what `take` makes of each, of `bytes` a pixel, with warnings about

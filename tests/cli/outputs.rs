@@ -249,6 +249,15 @@ fn a_search_goes_on_from_its_own_output_alone() {
         );
         work.refused(&format!("{search} --init {foreign} --resume -o {output}"), Code::Usage, &["cannot be used with"]);
         assert_eq!(std::fs::read(work.path(output)).unwrap(), before);
+        // The same names with other content are other inputs.
+        let captures = search.split(' ').map(|word| work.path(word).join("transforms.json"));
+        for json in captures.filter(|json| json.exists()) {
+            let text = std::fs::read_to_string(&json).unwrap();
+            std::fs::write(&json, format!("{text}\n")).unwrap();
+            refused(&format!("{search} --resume"), "other content");
+            std::fs::write(&json, text).unwrap();
+            assert_eq!(std::fs::read(work.path(output)).unwrap(), before);
+        }
         let foreign = if work.path(foreign).is_dir() { format!("{foreign}/transforms.json") } else { foreign.into() };
         std::fs::copy(work.path(&foreign), work.path(output)).unwrap();
         if search.starts_with("reconstruct color") {

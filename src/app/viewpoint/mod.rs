@@ -338,7 +338,7 @@ impl ViewpointSettings {
         let written = capture.frames.iter().filter(|_| self.pictures.is_some());
         let pictures: Vec<PathBuf> = written.map(|f| f.picture.clone()).collect();
         pictures.iter().chain([&self.output]).try_for_each(|path| protected::check(path))?;
-        let goes_on = task.initial_guess.as_ref() == Some(&self.output);
+        let goes_on = task.initial_guess.as_ref().is_some_and(|beginning| beginning.file == self.output);
         if self.overwrite || goes_on {
             Ok(())
         } else {
