@@ -77,7 +77,7 @@ def test_the_archive_is_valid_and_the_same_each_time(archive, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     subprocess.run([sys.executable, ADDON / "build.py", tmp_path / "again.zip"], check=True, stdout=subprocess.DEVNULL)
     assert (tmp_path / "again.zip").read_bytes() == archive.read_bytes()
-    crate = tomllib.loads((ADDON.parents[1] / "Cargo.toml").read_text())["package"]["version"]
+    crate = tomllib.loads((ADDON.parents[1] / "Cargo.toml").read_text())["workspace"]["package"]["version"]
     package = re.search(r'^__version__ = "(.+)"$', (ADDON.parent / "cumulo" / "__init__.py").read_text(), re.MULTILINE)
     manifest = tomllib.loads(zipfile.ZipFile(archive).read("blender_manifest.toml").decode())
     assert crate == package[1] == manifest["version"]
