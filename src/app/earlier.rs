@@ -228,8 +228,7 @@ impl Beginning {
                 .coded(Code::OutputExists)
                 .at(&self.file)
                 .hint(format!(
-                    "'{name}' has changed since; to start from the output all the same, give it as ⟨init⟩ and the output \
-                     another name"
+                    "'{name}' has changed since; to start from it all the same, give ⟨init⟩ and another output"
                 ))),
             None => Ok(()),
         }

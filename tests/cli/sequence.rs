@@ -81,6 +81,16 @@ fn damaged_frames_are_rendered_again() {
         assert_eq!(told, (&Value::from(1), &Value::from(2), &Value::Null), "{length}: {report}");
         assert_eq!(work.picture("out/frame.0002.exr"), picture, "{length}");
     }
+    // What a crash may leave: the length is right, and the end is zeros.
+    let larger = command.replace("8x8", "32x32").replace("-o out", "-o larger");
+    work.json(&larger);
+    let damaged = work.path("larger/frame.0001.exr");
+    let (picture, mut bytes) = (work.picture("larger/frame.0001.exr"), std::fs::read(&damaged).unwrap());
+    let half = bytes.len() / 2;
+    bytes[half..].fill(0);
+    std::fs::write(&damaged, bytes).unwrap();
+    assert_eq!(work.json(&format!("{larger} --resume"))["rendered"], 1);
+    assert_eq!(work.picture("larger/frame.0001.exr"), picture);
     // Files that are no pictures are somebody's.
     std::fs::write(&path, "notes").unwrap();
     work.refused(&format!("{command} --resume"), Code::OutputExists, &["frame.0002.exr"]);

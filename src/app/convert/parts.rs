@@ -2,6 +2,7 @@
 
 use super::ConvertSettings;
 use super::sources::{self, GridSource};
+use crate::app::provenance::RESUMABLE;
 use crate::error::{Code, Error, Result};
 use crate::formats::vdb::File;
 use crate::scene::grid::MetaValue;
@@ -171,6 +172,10 @@ pub(crate) fn further_metadata(files: &[File], warnings: &mut Vec<String>) -> Re
                 "metadata of {name} was left out, of which a file before it has other values: {entries}"
             ));
         }
+    }
+    if known.contains_key(RESUMABLE) {
+        // What was edited is no longer what a search has left, to go on from.
+        further.insert(RESUMABLE.to_owned(), MetaValue::Text(String::new()));
     }
     Ok(further)
 }

@@ -1,6 +1,6 @@
 //! Decoding of chunks into rows over the display window.
 
-use super::header::{Header, Reader};
+use super::header::{self, Header, Reader};
 use super::{SampleType, Window, dwa, fault};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -120,6 +120,19 @@ pub(super) fn blocks(
         }
     }
     Ok(())
+}
+
+/// True if a file can be read as an OpenEXR file, and all of its chunks can be decoded: a crash may leave a file of the
+/// right length that ends in zeros. Parts with subsampled channels, which are not decoded, do not count.
+pub(crate) fn is_whole(path: &Path) -> bool {
+    let whole = || {
+        let (reader, header) = header::open(path)?;
+        let parts = header.parts.iter().enumerate();
+        let decoded = parts.filter(|(_, part)| part.channels.iter().all(|channel| channel.sampling == [1, 1]));
+        let sources: Vec<Source> = decoded.map(|(part, _)| Source { part, channel: 0 }).collect();
+        blocks(path, reader, &header, &sources, (0, Limits::default()), |_, _| ())
+    };
+    whole().is_ok()
 }
 
 /// Refuses sources whose parts have a subsampled channel.

@@ -123,12 +123,6 @@ pub fn header(path: &Path) -> Result<Header> {
     Ok(open(path)?.1)
 }
 
-/// True if a file can be read as an OpenEXR file and holds all of its chunks, which are not decoded.
-pub(crate) fn is_whole(path: &Path) -> bool {
-    let chunks = open(path).ok().and_then(|(reader, _)| reader.all_chunks(false).ok());
-    chunks.is_some_and(|mut chunks| chunks.all(|chunk| chunk.is_ok()))
-}
-
 /// True if a file is empty, or begins as OpenEXR files do and has no header that can be read: what is left of a picture
 /// whose writing or copying was cut short. Files of other formats and features that are not supported are no damage.
 pub(crate) fn is_damaged(path: &Path) -> bool {

@@ -27,9 +27,10 @@ mod summary;
 mod views;
 mod write;
 
+pub(crate) use decode::is_whole;
 pub use document::Document;
 pub use header::{Header, SampleType, header};
-pub(crate) use header::{LayerInfo, is_damaged, is_whole};
+pub(crate) use header::{LayerInfo, is_damaged};
 pub(crate) use layer::layer_within;
 pub(crate) use picture::read_picture_within;
 pub use picture::{Picture, picture, picture_within, read_film_within, read_picture};
