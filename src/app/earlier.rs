@@ -228,7 +228,7 @@ impl Beginning {
                 .coded(Code::OutputExists)
                 .at(&self.file)
                 .hint(format!(
-                    "'{name}' has changed since; to start from it all the same, give ⟨init⟩ and another output"
+                    "'{name}' has changed since; to start from this output all the same, give it as ⟨init⟩"
                 ))),
             None => Ok(()),
         }

@@ -251,7 +251,7 @@ fn a_search_goes_on_from_its_own_output_alone() {
         assert_eq!(std::fs::read(work.path(output)).unwrap(), before);
         // An edited volume is no longer what the search has left.
         if output.ends_with(".vdb") {
-            work.json(&format!("convert {output} edited.vdb --scale 2"));
+            work.json(&format!("convert {output} edited.vdb --half"));
             std::fs::rename(work.path("edited.vdb"), work.path(output)).unwrap();
             refused(&format!("{search} --resume"), "does not state the settings");
             std::fs::write(work.path(output), &before).unwrap();
