@@ -280,6 +280,11 @@ impl Picture<'_> {
         self.show(PARTS * done.min(all) / all.max(1));
     }
 
+    /// Tells how much is done of all.
+    pub(crate) fn reach(&self, done: u64, all: u64) {
+        self.show(PARTS * done.min(all) / all.max(1));
+    }
+
     fn show(&self, parts: u64) {
         let before = self.shown.fetch_max(parts, Ordering::Relaxed);
         if parts > before {

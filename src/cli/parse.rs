@@ -19,6 +19,22 @@ pub(crate) fn not_negative(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err(format!("'{text}' must not be negative")) })
 }
 
+/// Parses a probability above 0 and below 1.
+pub(crate) fn probability(text: &str) -> Result<f64, String> {
+    let holds = |v: f64| if v > 0.0 && v < 1.0 { Ok(v) } else { Err(format!("'{text}' must be above 0 and below 1")) };
+    number(text).and_then(holds)
+}
+
+/// Parses a time above zero into seconds: a number of them, or numbers with units such as 1h30m.
+pub(crate) fn duration(text: &str) -> Result<f64, String> {
+    if text.parse::<f64>().is_ok() {
+        return positive(text);
+    }
+    let seconds =
+        humantime::parse_duration(text).map_err(|e| format!("'{text}' is no time such as 60s or 1h30m: {e}"))?;
+    positive(&seconds.as_secs_f64().to_string())
+}
+
 /// Parses an exposure in stops, from -60 to 60: beyond, every float is black or white.
 pub(crate) fn exposure(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v.abs() <= 60.0 { Ok(v) } else { Err(format!("'{text}' must be from -60 to 60")) })

@@ -4,7 +4,7 @@ use super::args::read_as;
 use super::parse;
 use super::values::choice;
 use crate::app::pictures::PictureSettings;
-use crate::app::render::RenderSettings;
+use crate::app::render::{AccuracySettings, RenderSettings};
 use crate::formats::sequence::Frames;
 use crate::render::film::Aov;
 use std::path::PathBuf;
@@ -47,6 +47,8 @@ struct RenderArgs {
     #[arg(long, value_name = "F", default_value_t = 24.0, value_parser = parse::positive, requires = "velocity")]
     fps: f64,
     #[command(flatten)]
+    accuracy: AccuracySettings,
+    #[command(flatten)]
     pictures: PictureSettings,
 }
 
@@ -62,6 +64,7 @@ impl From<RenderArgs> for RenderSettings {
             aov: args.aov,
             velocity: args.velocity,
             fps: args.fps,
+            accuracy: args.accuracy,
             pictures: args.pictures,
         }
     }

@@ -7,6 +7,7 @@
 //! segments ([`quadrature`], `segment`) and composite these by one driver (`compositing`). [`differentiable`] is what
 //! they offer beyond a value.
 
+pub mod accuracy;
 pub(crate) mod cell;
 pub mod composited;
 mod compositing;

@@ -15,6 +15,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod accuracy;
 mod analytic;
 mod denoise;
 mod determinism;

@@ -74,11 +74,18 @@ impl PictureSettings {
     pub(in crate::app) fn sampling(&self, renderer: &SceneRenderer<'_>, number: usize) -> Sampling {
         match renderer.renderer {
             Renderer::Direct(_) => Sampling::grid(renderer.rays_per_edge),
-            Renderer::Paths(_) => {
-                let origin = self.crop.map_or([0; 2], |window| window.origin);
-                self.scattering.sampling(number).within(origin)
-            }
+            Renderer::Paths(_) => self.scattering.sampling(number).within(self.origin()),
         }
+    }
+
+    /// Returns that many paths of a picture, whose random numbers are those of a stream of their own.
+    pub(in crate::app) fn replicate(&self, number: usize, paths: u32, stream: u64) -> Sampling {
+        self.scattering.replicate(number, paths, stream).within(self.origin())
+    }
+
+    /// Returns column and row of the first pixel in the whole picture.
+    fn origin(&self) -> [u32; 2] {
+        self.crop.map_or([0; 2], |window| window.origin)
     }
 
     /// Returns the quadrature along straight rays.

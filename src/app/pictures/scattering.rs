@@ -209,8 +209,21 @@ impl ScatteringSettings {
 
     /// Returns the paths of a view.
     pub fn sampling(&self, view: usize) -> Sampling {
-        Sampling::random(self.samples(), self.seed.unwrap_or(0) ^ (view as u64) << 32)
-            .clamped(self.clamp.map(|most| most as f32))
+        self.paths_of(self.samples(), self.seed_of(view))
+    }
+
+    /// Returns that many paths of a view, whose random numbers are those of a stream of their own.
+    pub(super) fn replicate(&self, view: usize, samples: u32, stream: u64) -> Sampling {
+        // Fibonacci hashing: streams of a view, and seeds that differ little, have nothing in common.
+        self.paths_of(samples, self.seed_of(view) ^ (stream + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15))
+    }
+
+    fn seed_of(&self, view: usize) -> u64 {
+        self.seed.unwrap_or(0) ^ (view as u64) << 32
+    }
+
+    fn paths_of(&self, samples: u32, seed: u64) -> Sampling {
+        Sampling::random(samples, seed).clamped(self.clamp.map(|most| most as f32))
     }
 
     /// Returns the settings as the capture's record of how its pictures were made.
@@ -236,11 +249,11 @@ impl ScatteringSettings {
         })
     }
 
-    /// Returns the summary of the events while pictures were traced.
-    pub fn paths(&self, counts: Counts) -> Paths {
+    /// Returns the summary of the events while pictures of `samples` paths a pixel were traced.
+    pub fn paths(&self, samples: u32, counts: Counts) -> Paths {
         let each = |events: u64| events as f64 / counts.paths.max(1) as f64;
         Paths {
-            samples: self.samples(),
+            samples,
             max_bounces: self.max_bounces,
             paths: counts.paths,
             collisions_per_path: each(counts.collisions),
@@ -293,7 +306,7 @@ pub(crate) fn recorded(record: &Value) -> Option<String> {
 /// Number of events while paths were traced.
 #[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
 pub struct Paths {
-    /// Paths per pixel.
+    /// Paths per pixel; their mean, where pixels have as many as their error takes.
     pub samples: u32,
     /// Most scatterings along a path; none without a limit.
     pub max_bounces: Option<u32>,

@@ -1,6 +1,7 @@
 //! Sequences: a picture for each frame, of one volume or of one for each frame. Every picture is in place as soon as it
 //! is done; one that fails does not stop the others.
 
+use super::accuracy::{AccuracyReport, Deadline, PictureError};
 use super::sequence::{Done, Sequence, Shot};
 use super::target::Target;
 use super::visibility::Visibility;
@@ -25,14 +26,16 @@ use crate::formats::atomic::Batch;
 use crate::formats::png::ToneMapping;
 use crate::formats::sequence::{self, Frames, Pattern};
 use crate::formats::vdb::{File, velocity};
-use crate::render::film::{Rendered, View, bytes_per_pixel};
+use crate::render::film::{Rendered, View};
 use crate::render::integrator::Counts;
+use crate::render::renderer::Renderer;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// Report of the frames of a sequence.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
@@ -51,6 +54,9 @@ pub struct FramesReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     tone_mapping: Option<ToneMapping>,
     paths: Option<Paths>,
+    /// Errors of the pictures that were rendered, if a target or a time was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    accuracy: Option<AccuracyReport>,
     /// Up axis about which the camera was placed; none where it was given.
     up: Option<ChosenUp>,
     seconds: f64,
@@ -65,12 +71,14 @@ impl FramesReport {
 
 impl fmt::Display for FramesReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, rendered, skipped, renewed, failed, scales, tone_mapping, paths, seconds, .. } = self;
+        let Self { output, rendered, skipped, renewed, failed, scales, tone_mapping, paths, accuracy, seconds, .. } =
+            self;
         write!(f, "{}: {rendered} frames in {seconds:.2} s, ", output.display())?;
         write!(f, "{skipped} that were there, {} that failed; {scales}", failed.len())?;
         write!(f, "{}", renewed::List(renewed))?;
         tone_mapping.iter().try_for_each(|tone| write!(f, "\n  PNG: {tone}"))?;
         paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))?;
+        accuracy.iter().try_for_each(|accuracy| write!(f, "\n{accuracy}"))?;
         write!(f, "{}", List(failed))
     }
 }
@@ -85,7 +93,7 @@ impl RenderSettings {
     ///
     /// # Errors
     /// If no frame can be begun, or pictures of other settings would be replaced.
-    pub(super) fn run_frames(&self, target: Target<'_>, context: &Context) -> Result<FramesReport> {
+    pub(super) fn run_frames(&self, target: Target<'_>, begun: Instant, context: &Context) -> Result<FramesReport> {
         let mut provenance = self.provenance(context);
         let pattern = Pattern::parse(&self.pictures.input);
         let numbers = match (self.frames, &pattern) {
@@ -125,6 +133,7 @@ impl RenderSettings {
             visibility: Visibility::default(),
             remarks: BTreeSet::new(),
             cancel: context.cancel(),
+            deadline: Deadline::new(begun, &self.accuracy, numbers.len()),
         };
         sequence.refuse_overwrite(&frames)?;
         sequence.settle(&frames, context)?;
@@ -134,7 +143,7 @@ impl RenderSettings {
             batch.make_folder(folder)?;
         }
 
-        let Outcome { done, failed, skipped, renewed, counts } = sequence.all(&frames, context)?;
+        let Outcome { done, failed, skipped, renewed, counts, errors } = sequence.all(&frames, context)?;
         provenance.inputs.extend(std::mem::take(&mut sequence.inputs));
         let seconds = provenance.lap();
         if skipped < done.len() {
@@ -144,7 +153,7 @@ impl RenderSettings {
         if !done.is_empty() {
             batch.commit()?;
         }
-        let paths = (counts.paths > 0).then(|| self.pictures.scattering.paths(counts));
+        let paths = (counts.paths > 0).then(|| self.paths(counts, &errors));
         let rendered = done.len() - skipped;
         Ok(FramesReport {
             output: self.output.clone(),
@@ -155,6 +164,7 @@ impl RenderSettings {
             scales,
             tone_mapping: self.tone_mapping_used(),
             paths,
+            accuracy: AccuracyReport::of(&self.accuracy, errors),
             up: sequence.up,
             seconds,
         })
@@ -225,6 +235,8 @@ struct Outcome {
     /// Frames that were there and were rendered again, with the input that has changed.
     renewed: Vec<(u32, PathBuf)>,
     counts: Counts,
+    /// Errors of the frames that were rendered, where they are stated.
+    errors: Vec<PictureError>,
 }
 
 impl Sequence<'_> {
@@ -237,18 +249,23 @@ impl Sequence<'_> {
         let work = |place: usize, number, picture: &Picture<'_>| {
             let path = &frames[place].1;
             let earlier = self.state(number, path);
-            let counts = match earlier {
-                Earlier::Whole => None,
+            let made = match earlier {
+                Earlier::Whole => {
+                    self.deadline.skip();
+                    None
+                }
                 _ => Some(self.frame((place, number), path, picture, context)?),
             };
-            Ok((place, earlier, counts))
+            Ok((place, earlier, made))
         };
         let results = FrameLoop::pictures(&numbers, "render", context).telling().in_order(work)?;
         let (done, failed) = parted(results);
         let mut outcome = Outcome { failed, ..Outcome::default() };
-        for (number, (place, earlier, counts)) in done {
-            outcome.skipped += usize::from(counts.is_none());
-            outcome.counts = outcome.counts.plus(counts.unwrap_or_default());
+        for (number, (place, earlier, made)) in done {
+            outcome.skipped += usize::from(made.is_none());
+            let (counts, error) = made.unwrap_or_default();
+            outcome.counts = outcome.counts.plus(counts);
+            outcome.errors.extend(error);
             outcome.done.push((place, number, frames[place].1.clone()));
             if let Earlier::Outdated(input) = earlier {
                 outcome.renewed.push((number, input));
@@ -350,7 +367,7 @@ impl Sequence<'_> {
         }
         let picture = self.target.picture(&format!("frame.{number:04}.exr"));
         capture.frames = vec![Frame { camera: self.camera(place), picture }];
-        fits(&capture, bytes_per_pixel(&self.render.aov), limits.max_memory)?;
+        fits(&capture, self.render.plane_bytes(), limits.max_memory)?;
         self.render.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
         let scales = DensityScales::of(&subject, capture.density_scale);
@@ -375,7 +392,8 @@ impl Sequence<'_> {
         path: &Path,
         progress: &Picture<'_>,
         context: &Context,
-    ) -> Result<Counts> {
+    ) -> Result<(Counts, Option<PictureError>)> {
+        let end = self.deadline.next();
         let shot = match self.shot.take() {
             Some(shot) if !shot.moving => shot,
             _ => self.shot(place, number, context)?,
@@ -384,16 +402,19 @@ impl Sequence<'_> {
         let renderer = self.pictures.renderer(shot.plan.as_ref(), &shot.scene, shot.paths)?;
         let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
         let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
-        let rendered = self.render.film(&renderer, number as usize, view, &self.cancel, progress);
-        let Rendered { film, counts } = rendered.ok_or_else(Error::cancelled)?;
+        self.render.accuracy.check_paths(matches!(renderer.renderer, Renderer::Paths(_)))?;
+        let view = (number as usize, view, end);
+        let (rendered, error) = self.render.picture(&renderer, view, (&self.cancel, progress), context)?;
+        let Rendered { film, counts } = rendered;
         self.visibility.add(&film);
         self.inputs.extend(shot.provenance.inputs.clone());
         let mut attributes = shot.provenance.attributes();
         attributes.insert("cumulo:frame".into(), number.to_string());
+        error.iter().for_each(|error| error.describe(&self.render.accuracy, &mut attributes));
         let whole = self.pictures.whole(self.target, self.template.as_ref().and_then(|c| c.frames.first()));
         for file in self.render.files_of(path) {
             self.render.write_picture(&file, &film, &attributes, whole)?;
         }
-        Ok(counts)
+        Ok((counts, error))
     }
 }

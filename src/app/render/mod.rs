@@ -1,11 +1,13 @@
 //! Pictures of a volume from many sides as a capture, one picture, or the frames of a sequence.
 
+mod accuracy;
 mod folder;
 mod frames;
 mod sequence;
 mod target;
 mod visibility;
 
+pub use accuracy::AccuracySettings;
 pub use frames::FramesReport;
 pub(crate) use frames::between;
 
@@ -39,11 +41,13 @@ use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame, Model};
 use crate::scene::scene::Scene;
 use crate::wording::all_worded;
+use accuracy::{AccuracyReport, Deadline, Measured, PictureError};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 use target::Target;
 use visibility::Visibility;
 
@@ -92,6 +96,9 @@ pub struct RenderSettings {
     pub velocity: Option<String>,
     /// Frames per second; 1 for velocities in world units per frame.
     pub fps: f64,
+    /// Error or time of path-traced pictures.
+    #[serde(flatten)]
+    pub accuracy: AccuracySettings,
     /// Subject, cameras, media and light of the pictures.
     #[serde(flatten)]
     pub pictures: PictureSettings,
@@ -109,6 +116,7 @@ impl Default for RenderSettings {
             aov: Vec::new(),
             velocity: None,
             fps: 24.0,
+            accuracy: AccuracySettings::default(),
             pictures: PictureSettings::default(),
         }
     }
@@ -147,6 +155,9 @@ pub struct ViewsReport {
     scales: DensityScales,
     #[serde(flatten)]
     way: Integration,
+    /// Errors of the pictures, if a target or a time was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    accuracy: Option<AccuracyReport>,
     /// Plan of a scene that may scatter, or out of which something may be left.
     plan: Option<Plan>,
     /// Up axis about which cameras were placed; none where they were given.
@@ -198,7 +209,7 @@ impl Integration {
 
 impl fmt::Display for ViewsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, views, seconds, scales, way, plan, tone_mapping, .. } = self;
+        let Self { output, views, seconds, scales, way, accuracy, plan, tone_mapping, .. } = self;
         let json = output.join(FILE_NAME);
         let file = if json.exists() { &json } else { output };
         let s = if *views == 1 { "" } else { "s" };
@@ -223,6 +234,7 @@ impl fmt::Display for ViewsReport {
             }
             Integration::Paths { paths } => write!(f, "{paths}")?,
         }
+        accuracy.iter().try_for_each(|accuracy| write!(f, "\n{accuracy}"))?;
         match plan {
             Some(plan) if plan.omitted != Some(0.0) => write!(f, "\n  {}", LeftOut(plan)),
             _ => Ok(()),
@@ -234,7 +246,10 @@ use_case!(RenderSettings => RenderReport, pictures.limits);
 
 impl Report for RenderReport {
     fn status(&self) -> Result<Status> {
-        Ok(Status::complete(!matches!(self, Self::Frames(frames) if !frames.complete())))
+        Ok(match self {
+            Self::Views(views) => Status::stopped(views.accuracy.as_ref().is_some_and(AccuracyReport::stopped)),
+            Self::Frames(frames) => Status::complete(frames.complete()),
+        })
     }
 }
 
@@ -245,23 +260,28 @@ impl RenderSettings {
     /// If the volume or the cameras cannot be used, or the folder cannot be written to; an earlier capture in the
     /// folder is untouched then.
     pub fn run(&self, context: &Context) -> Result<RenderReport> {
+        self.begun_at(Instant::now(), context)
+    }
+
+    fn begun_at(&self, begun: Instant, context: &Context) -> Result<RenderReport> {
         let _inputs = inputs::protect(self.pictures.inputs(), self.pictures.limits);
         self.pictures.check()?;
         ranges::positive("fps", self.fps)?;
+        self.accuracy.check(self.pictures.scattering.samples)?;
         if let Some(input) = self.pictures.sequence_of_folder()? {
             let pictures = PictureSettings { input, ..self.pictures.clone() };
-            return Self { pictures, ..self.clone() }.run(context);
+            return Self { pictures, ..self.clone() }.begun_at(begun, context);
         }
         let target = Target::of(&self.output)?;
         self.check_exposure()?;
         if self.is_sequence() {
-            return self.run_frames(target, context).map(RenderReport::Frames);
+            return self.run_frames(target, begun, context).map(RenderReport::Frames);
         }
-        self.run_views(target, context).map(RenderReport::Views)
+        self.run_views(target, begun, context).map(RenderReport::Views)
     }
 
     /// Renders views and writes them.
-    fn run_views(&self, target: Target<'_>, context: &Context) -> Result<ViewsReport> {
+    fn run_views(&self, target: Target<'_>, begun: Instant, context: &Context) -> Result<ViewsReport> {
         if self.resume {
             return Err(Error::invalid("⟨resume⟩: views appear together, when all are there")
                 .hint("give ⟨frames⟩ to render a sequence, picture by picture"));
@@ -284,7 +304,7 @@ impl RenderSettings {
         up.iter().for_each(|up| context.note(up));
         let place = |name: &str| target.picture(name);
         let capture = pictures.capture(place, &subject, transfer, template.as_ref(), Cameras::around(up.as_ref()))?;
-        fits(&capture, bytes_per_pixel(&self.aov), limits.max_memory)?;
+        fits(&capture, self.plane_bytes(), limits.max_memory)?;
         self.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
         self.refuse_overwrite(target, &capture, &provenance)?;
@@ -304,13 +324,16 @@ impl RenderSettings {
         let whole = pictures.whole(target, template.as_ref().and_then(|c| c.frames.get(numbers[0])));
         let views: Vec<_> = numbers.iter().zip(&scene.cameras).zip(&waiting).collect();
         let visibility = Visibility::default();
-        let counts = self.views(&renderer, &views, (whole, &cancel), &provenance, &visibility, context)?;
+        self.accuracy.check_paths(matches!(renderer.renderer, Renderer::Paths(_)))?;
+        let end = Deadline::new(begun, &self.accuracy, views.len());
+        let (counts, errors) =
+            self.views(&renderer, &views, (whole, &cancel, end), &provenance, &visibility, context)?;
         for remark in visibility.remarks(capture.transfer.is_some(), plan.as_ref()) {
             context.note(format!("remark: {remark}"));
             remarks.push(remark);
         }
         let seconds = provenance.lap();
-        let way = self.integration(&renderer, &scene, counts);
+        let way = self.integration(&renderer, &scene, (counts, &errors));
         if let Some((waiting, json)) = &waiting_json {
             let mut extra = record(&provenance, plan.as_ref());
             way.record(paths.then_some(&pictures.scattering), &mut extra);
@@ -326,6 +349,7 @@ impl RenderSettings {
             model: capture.model,
             scales,
             way,
+            accuracy: AccuracyReport::of(&self.accuracy, errors),
             plan,
             up,
             tone_mapping: self.tone_mapping_used(),
@@ -354,29 +378,72 @@ impl RenderSettings {
         Ok(())
     }
 
-    /// Renders views, given with their numbers and the files that each is written to.
+    /// Renders views, given with their numbers and the files that each is written to. Those whose error is stated come
+    /// one after the other, since each has its time.
     fn views(
         &self,
         renderer: &SceneRenderer<'_>,
         views: &[((&usize, &Camera), &Vec<PathBuf>)],
-        (whole, cancel): (Option<[usize; 2]>, &Cancel),
+        (whole, cancel, mut deadline): (Option<[usize; 2]>, &Cancel, Deadline),
         provenance: &Provenance,
         visibility: &Visibility,
         context: &Context,
-    ) -> Result<Counts> {
+    ) -> Result<(Counts, Vec<PictureError>)> {
         let bar = context.pictures(views.len() as u64, "render");
         let attributes = provenance.attributes();
-        let view = |((number, camera), files): &((&usize, &Camera), &Vec<PathBuf>)| {
+        let view = |((number, camera), files): &((&usize, &Camera), &Vec<PathBuf>), end: Option<Instant>| {
             let picture = bar.picture();
-            let rendered = self.film(renderer, **number, (*camera).into(), cancel, &picture);
-            let Rendered { film, counts } = rendered.ok_or_else(Error::cancelled)?;
+            let view = (**number, (*camera).into(), end);
+            let (rendered, error) = self.picture(renderer, view, (cancel, &picture), context)?;
+            let Rendered { film, counts } = rendered;
             visibility.add(&film);
+            let mut attributes = attributes.clone();
+            error.iter().for_each(|error| error.describe(&self.accuracy, &mut attributes));
             files.iter().try_for_each(|file| self.write_picture(file, &film, &attributes, whole))?;
-            Ok(counts)
+            Ok((counts, error))
         };
-        let counts = ordered::try_map(views.par_iter(), view)?.into_iter().fold(Counts::default(), Counts::plus);
+        let results: Vec<(Counts, Option<PictureError>)> = match self.accuracy.on() {
+            true => views.iter().map(|one| view(one, deadline.next())).collect::<Result<_>>()?,
+            false => ordered::try_map(views.par_iter(), |one| view(one, None))?,
+        };
         drop(bar);
-        Ok(counts)
+        let counts = results.iter().fold(Counts::default(), |sum, (counts, _)| sum.plus(*counts));
+        Ok((counts, results.into_iter().filter_map(|(_, error)| error).collect()))
+    }
+
+    /// Renders a view, or a frame, of that number: as its sampling says, or until its error is as asked for or the time
+    /// is up.
+    ///
+    /// # Errors
+    /// If the work is stopped before anything is there.
+    fn picture(
+        &self,
+        renderer: &SceneRenderer<'_>,
+        (number, view, end): (usize, View<'_>, Option<Instant>),
+        (cancel, progress): (&Cancel, &Picture<'_>),
+        context: &Context,
+    ) -> Result<(Rendered, Option<PictureError>)> {
+        match &renderer.renderer {
+            Renderer::Paths(tracer) if self.accuracy.on() => {
+                let measured = self.measured(tracer, (number, view), end, (cancel, progress), context);
+                let Measured { rendered, error } = measured.ok_or_else(Error::cancelled)?;
+                Ok((rendered, Some(error)))
+            }
+            _ => {
+                let rendered = self.film(renderer, number, view, cancel, progress);
+                Ok((rendered.ok_or_else(Error::cancelled)?, None))
+            }
+        }
+    }
+
+    /// Returns the bytes of memory per pixel that planes take, and sums by which errors are known.
+    fn plane_bytes(&self) -> u64 {
+        let planes = bytes_per_pixel(&self.aov);
+        match self.accuracy.on() {
+            true if self.aov.is_empty() => planes + accuracy::BYTES,
+            true => planes + accuracy::BYTES + accuracy::FEATURE_BYTES,
+            false => planes,
+        }
     }
 
     /// Plans a scene and takes out of it what the plan leaves out. Rays without paths are not planned unless something
@@ -390,15 +457,27 @@ impl RenderSettings {
     }
 
     /// Returns how light was integrated, with the events that were counted.
-    fn integration(&self, renderer: &SceneRenderer<'_>, scene: &Scene, counts: Counts) -> Integration {
+    fn integration(
+        &self,
+        renderer: &SceneRenderer<'_>,
+        scene: &Scene,
+        (counts, errors): (Counts, &[PictureError]),
+    ) -> Integration {
         match &renderer.renderer {
             Renderer::Direct(dvr) => Integration::Dvr {
                 quadrature: self.pictures.quadrature(scene).to_string(),
                 quadrature_error_bound: dvr.quadrature_error(),
                 early_stop: EarlyStop { transmittance: self.pictures.early_stop, error_bound: dvr.left_out() },
             },
-            Renderer::Paths(_) => Integration::Paths { paths: self.pictures.scattering.paths(counts) },
+            Renderer::Paths(_) => Integration::Paths { paths: self.paths(counts, errors) },
         }
+    }
+
+    /// Returns the summary of the events while pictures were traced.
+    fn paths(&self, counts: Counts, errors: &[PictureError]) -> Paths {
+        let scattering = &self.pictures.scattering;
+        let mean = errors.iter().map(PictureError::mean_paths).sum::<f64>() / errors.len().max(1) as f64;
+        scattering.paths(if errors.is_empty() { scattering.samples() } else { mean.round() as u32 }, counts)
     }
 
     /// Refuses planes that the renderer does not have.

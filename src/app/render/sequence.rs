@@ -1,6 +1,7 @@
 //! A sequence at work, and the frame of it that is rendered.
 
 use super::RenderSettings;
+use super::accuracy::Deadline;
 use super::target::Target;
 use super::visibility::Visibility;
 use crate::app::pictures::PictureSettings;
@@ -54,4 +55,6 @@ pub(super) struct Sequence<'s> {
     /// Remarks that were made.
     pub remarks: BTreeSet<String>,
     pub cancel: Cancel,
+    /// When the frames are to be done.
+    pub deadline: Deadline,
 }

@@ -1,5 +1,6 @@
 //! Groups of options that several commands share, each as the settings of the use cases that it becomes.
 
+pub(crate) mod accuracy;
 pub(crate) mod frames;
 pub(crate) mod pictures;
 pub(crate) mod refinement;

@@ -28,6 +28,12 @@ impl Half {
         self.rays += 1;
     }
 
+    /// Adds the rays of another.
+    pub(super) fn merge(&mut self, other: &Self) {
+        self.sum += other.sum;
+        self.rays += other.rays;
+    }
+
     /// Returns the mean over the rays; 0 without any.
     pub(crate) fn mean(&self) -> DVec4 {
         self.sum / f64::from(self.rays.max(1))

@@ -1,14 +1,20 @@
 //! The film: the one loop from the rays of pixels to the planes of a picture, for every integrator.
 
 mod aov;
+mod blocks;
 mod halves;
 mod pixel;
+mod replicates;
 mod sampling;
+mod sum;
 mod view;
 
 pub use aov::Aov;
 pub use aov::bytes_per_pixel;
+pub use blocks::{Blocks, EDGE};
+pub use replicates::{FEWEST, PixelSums, Replicates};
 pub use sampling::{Sampling, Subpixels};
+pub use sum::Sum;
 pub use view::View;
 
 use crate::cancel::Cancel;
@@ -75,6 +81,27 @@ impl<'a> Planes<'a> {
         }
     }
 
+    /// Returns a whole picture's values: of pixels whose sums over replicates are given.
+    fn filled(&self, pixels: &[Pixel], sums: &[PixelSums]) -> Band {
+        let mut band = self.band(sums.len());
+        let values = band.values.chunks_mut(self.stride.max(1));
+        for ((pixel, sums), values) in pixels.iter().zip(sums).zip(values) {
+            self.put(values, pixel, u32::try_from(sums.paths).unwrap_or(u32::MAX));
+        }
+        for (variances, sums) in band.variances.iter_mut().zip(sums) {
+            *variances = [DVec4::from_array(sums.variance()); 2];
+        }
+        band
+    }
+
+    /// Puts the values of a pixel, the mean of a number of estimates, into a band.
+    fn put(&self, values: &mut [f32], pixel: &Pixel, samples: u32) {
+        let mut values = values.iter_mut();
+        for Layer { channels, value, .. } in &self.layers {
+            values.by_ref().zip(value(pixel, samples)).take(channels.len()).for_each(|(to, v)| *to = v);
+        }
+    }
+
     /// Returns the planes of a picture of this width, in the order in which they were asked for.
     fn collect(&self, width: usize, bands: &[Band]) -> Vec<Plane> {
         let (mut planes, mut at) = (Vec::new(), 0);
@@ -130,10 +157,7 @@ pub fn render<'c, 'w, I: Integrator>(
     let shoot = Shoot { integrator, view: &view, sampling: &sampling, planes: &planes, cancel: watch.cancel };
     let pixel = |scratch: &mut I::Scratch, at, (band, index): (&mut Band, usize)| {
         let pixel = shoot.pixel(scratch, at, &mut band.counts);
-        let mut values = band.values[index * planes.stride..][..planes.stride].iter_mut();
-        for Layer { channels, value, .. } in &planes.layers {
-            values.by_ref().zip(value(&pixel, sampling.samples())).take(channels.len()).for_each(|(to, v)| *to = v);
-        }
+        planes.put(&mut band.values[index * planes.stride..][..planes.stride], &pixel, sampling.samples());
         if planes.variance {
             band.variances[index] = pixel.variances(planes.in_halves);
         }

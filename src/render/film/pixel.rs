@@ -53,6 +53,20 @@ impl Pixel {
         self.halves[half].add(rgba);
     }
 
+    /// Adds what the rays of another replicate tell beside their colors, which count as one half's.
+    pub(super) fn merge(&mut self, other: &Self, half: usize) {
+        self.optical_depth += other.optical_depth;
+        self.direct += other.direct;
+        self.indirect += other.indirect;
+        other.halves.iter().for_each(|rays| self.halves[half].merge(rays));
+        self.collided += other.collided;
+        self.albedo += other.albedo;
+        self.normal += other.normal;
+        self.position += other.position;
+        self.depth += other.depth;
+        self.motion.iter_mut().zip(other.motion).for_each(|(sum, v)| *sum += v);
+    }
+
     /// Returns the mean color and alpha.
     #[inline(always)]
     pub(super) fn rgba(&self) -> [f32; 4] {

@@ -110,6 +110,11 @@ impl Sampling {
         Self { clamp, ..self }
     }
 
+    /// Returns the least number of paths from `samples` on that share camera rays well.
+    pub fn shared(samples: u32) -> u32 {
+        samples.next_multiple_of(samples.isqrt().clamp(1, MOST_PER_RAY))
+    }
+
     /// True if rays are placed at random.
     pub(super) fn is_random(&self) -> bool {
         matches!(self.placement, Placement::Random { .. })

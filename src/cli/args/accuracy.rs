@@ -1,0 +1,29 @@
+//! Options of the error of pictures, and of the time that they may take.
+
+use super::read_as;
+use crate::app::render::AccuracySettings;
+use crate::cli::parse;
+
+/// An error or a time in place of a number of paths.
+#[derive(Debug, clap::Args)]
+struct AccuracyArgs {
+    /// Trace paths until the mean of each block of 8x8 pixels is within E times the picture's scale of the truth:
+    /// 0.01 for one per cent. The scale is the mean of the square roots of radiance, weighted by itself, and squared;
+    /// dark blocks have the same absolute error as bright ones
+    #[arg(long, value_name = "E", value_parser = parse::positive, conflicts_with_all = ["time_limit", "samples"])]
+    target_error: Option<f64>,
+    /// Read, render and write all pictures in this time, with the smallest error that it allows: 90, 60s, 2m, 1h30m
+    #[arg(long = "time", value_name = "D", value_parser = parse::duration, conflicts_with = "samples")]
+    time_limit: Option<f64>,
+    /// Probability with which the truth is within the stated error of a block
+    #[arg(long = "confidence", value_name = "C", default_value_t = 0.95, value_parser = parse::probability)]
+    confidence_level: f64,
+}
+
+impl From<AccuracyArgs> for AccuracySettings {
+    fn from(args: AccuracyArgs) -> Self {
+        Self { target_error: args.target_error, time: args.time_limit, confidence: args.confidence_level }
+    }
+}
+
+read_as!(AccuracySettings, AccuracyArgs);

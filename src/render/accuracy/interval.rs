@@ -1,0 +1,186 @@
+//! Confidence intervals of the means of blocks.
+
+use crate::metrics::statistical::probability::quantile;
+use crate::render::film::{Blocks, FEWEST, PixelSums, Replicates};
+use serde::Serialize;
+
+/// Why no interval is stated of a block, or one that is too wide.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Doubt {
+    /// There are fewer than eight replicates.
+    FewReplicates,
+    /// Few rare events make most of the variance: their number tells too little of how rare they are.
+    RareEvents,
+    /// No path through the medium has met light: such a block is black, or lit by what is rarely found.
+    NoLight,
+    /// The interval is known, and wider than the error that was asked for.
+    Wide,
+}
+
+/// Interval of the expected mean of a block's pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interval {
+    /// Mean in red, green and blue.
+    pub mean: [f64; 3],
+    /// Half of the interval's width in red, green and blue.
+    pub half_width: [f64; 3],
+    /// Why no interval is stated.
+    pub doubt: Option<Doubt>,
+}
+
+impl Interval {
+    /// Returns the largest half width of a channel.
+    pub fn largest(&self) -> f64 {
+        self.half_width.into_iter().fold(0.0, f64::max)
+    }
+
+    /// Returns why the block is not known to be within an error; `None` if it is.
+    pub fn doubt_within(&self, error: f64) -> Option<Doubt> {
+        self.doubt.or((self.largest() > error).then_some(Doubt::Wide))
+    }
+}
+
+/// Intervals of all blocks of a picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Intervals {
+    /// Probability with which an interval holds the expected mean.
+    pub confidence: f64,
+    /// Scale of the picture's radiance, by which errors are divided; see [`scale`].
+    pub scale: f64,
+    /// Intervals, block by block.
+    pub blocks: Vec<Interval>,
+}
+
+/// Returns the scale of a picture's radiance from the means r of equal parts: (Σ r / Σ √r)².
+///
+/// It is the mean of √r, weighted by itself, and squared. Black surroundings do not change it, and few highlights
+/// change it little. 0 for a black picture.
+pub fn scale(radiance: impl IntoIterator<Item = f64>) -> f64 {
+    let sums = radiance.into_iter().map(|r| r.max(0.0)).fold([0.0; 2], |[sum, root], r| [sum + r, root + r.sqrt()]);
+    if sums[1] > 0.0 { (sums[0] / sums[1]).powi(2) } else { 0.0 }
+}
+
+/// Variance of the mean of a block, with what is known of it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Variance {
+    /// Variance of the block's mean.
+    pub variance: f64,
+    /// Degrees of freedom of the variance (Satterthwaite 1946, without bias for one pixel).
+    pub freedom: f64,
+    /// Largest part of it that one replicate of one pixel makes.
+    pub largest: f64,
+}
+
+impl Variance {
+    /// Returns that of a channel of a block.
+    pub(super) fn of<'p>(pixels: impl Iterator<Item = &'p PixelSums>, channel: usize) -> Self {
+        let (mut count, mut sum, mut squares, mut largest, mut least) = (0.0, 0.0, 0.0, 0.0_f64, f64::INFINITY);
+        for pixel in pixels {
+            let (variance, freedom) = (pixel.variance()[channel], f64::from(pixel.replicates.max(1)) - 1.0);
+            count += 1.0;
+            sum += variance;
+            squares += variance * variance / (freedom + 2.0);
+            largest = largest.max(pixel.by_largest()[channel]);
+            least = least.min(freedom);
+        }
+        let freedom = if squares > 0.0 { (sum * sum / squares - 2.0).max(least) } else { f64::INFINITY };
+        Self {
+            variance: sum / f64::max(count * count, 1.0),
+            freedom,
+            largest: if sum > 0.0 { largest / sum } else { 0.0 },
+        }
+    }
+
+    /// Returns what `times` as many paths would make of it.
+    pub(super) fn of_more(&self, times: f64) -> Self {
+        let Self { variance, freedom, largest } = *self;
+        Self { variance: variance / times, freedom, largest: largest / times.max(1.0) }
+    }
+
+    /// Returns by how much the largest part of the variance exceeds what chance makes it: above 1, rare events make the
+    /// variance, and others that make as much have probably not been met.
+    ///
+    /// The largest of ν squared normal numbers is about 2 ln ν, of which the largest part is 2 ln(ν) / ν; where one
+    /// event makes all of a pixel's variance, it is three times as large and more. Sixteen events are enough.
+    pub(super) fn rareness(&self) -> f64 {
+        let by_chance = 2.0 * self.freedom.max(2.0).ln() / self.freedom.max(2.0);
+        self.largest / f64::max(1.3 * by_chance, 1.0 / 16.0)
+    }
+
+    /// Returns half the width of the interval that holds the mean with a confidence.
+    ///
+    /// Few events tell as little of a variance as few degrees of freedom: if all made equal parts of it, there would be
+    /// one over the largest part of them.
+    pub(super) fn half_width(&self, confidence: f64) -> f64 {
+        if self.variance == 0.0 {
+            return 0.0;
+        }
+        let freedom = self.freedom.min(2.0 / self.largest - 2.0);
+        if freedom > 0.0 { quantile(confidence, freedom) * self.variance.sqrt() } else { f64::INFINITY }
+    }
+}
+
+impl Intervals {
+    /// States intervals with a confidence between 0 and 1 from the replicates of a picture.
+    pub fn of(replicates: &Replicates, confidence: f64) -> Self {
+        Self::of_sums(replicates.size(), replicates.sums(), confidence)
+    }
+
+    /// States intervals from the sums of each pixel of a picture of this width and height.
+    pub fn of_sums(size: [usize; 2], sums: &[PixelSums], confidence: f64) -> Self {
+        let grid = Blocks::new(size);
+        let of = |block: usize| interval(|| grid.pixels(block).map(|pixel| &sums[pixel]), confidence);
+        let blocks: Vec<Interval> = (0..grid.count()).map(of).collect();
+        let grey = |pixel: &PixelSums| pixel.mean()[..3].iter().sum::<f64>() / 3.0;
+        let means = (0..grid.count()).map(|block| {
+            let (count, sum) = grid.pixels(block).fold((0.0, 0.0), |(n, sum), i| (n + 1.0, sum + grey(&sums[i])));
+            sum / count
+        });
+        Self { confidence, scale: scale(means), blocks }
+    }
+
+    /// Returns half the width of a block's interval by the picture's scale, the largest of its channels.
+    pub fn relative(&self, block: usize) -> f64 {
+        let width = self.blocks[block].largest();
+        if width == 0.0 { 0.0 } else { width / self.scale }
+    }
+
+    /// Returns the largest of [`Intervals::relative`] of blocks of which an interval is stated; 0 without any.
+    pub fn worst(&self) -> f64 {
+        let stated = (0..self.blocks.len()).filter(|block| self.blocks[*block].doubt.is_none());
+        stated.map(|block| self.relative(block)).fold(0.0, f64::max)
+    }
+}
+
+/// States the interval of a block from its pixels.
+fn interval<'p, P: Iterator<Item = &'p PixelSums>>(pixels: impl Fn() -> P, confidence: f64) -> Interval {
+    let count = pixels().count().max(1) as f64;
+    let mean = |c: usize| pixels().map(|pixel| pixel.mean()[c]).sum::<f64>() / count;
+    let variances = [0, 1, 2].map(|c| Variance::of(pixels(), c));
+    let means = [0, 1, 2].map(mean);
+    let doubt = if pixels().any(|pixel| pixel.replicates < FEWEST) {
+        Some(Doubt::FewReplicates)
+    } else if variances.iter().any(|v| v.rareness() > 1.0) {
+        Some(Doubt::RareEvents)
+    } else if means == [0.0; 3] && mean(3) > 0.0 {
+        Some(Doubt::NoLight)
+    } else {
+        None
+    };
+    Interval { mean: means, half_width: variances.map(|v| v.half_width(confidence)), doubt }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scale_is_that_of_what_shines() {
+        assert_eq!(scale([2.0; 9]), 2.0000000000000004_f64.min(scale([2.0; 9])));
+        assert!((scale([0.5; 7].into_iter().chain([0.0; 100])) - 0.5).abs() < 1e-12);
+        assert!(scale([1.0; 99].into_iter().chain([100.0])) < 4.0);
+        assert_eq!((scale([]), scale([0.0, -1.0])), (0.0, 0.0));
+    }
+}
