@@ -1,7 +1,8 @@
 //! Paths that a wanted error takes, by a pilot.
 
-use super::interval::{Doubt, Intervals, Variance};
+use super::interval::{Doubt, FEWEST_MET, Intervals, Variance, block_mean, unseen_light};
 use super::pilot::Goal;
+use crate::metrics::statistical::probability::quantile;
 use crate::render::film::{Blocks, FEWEST, Replicates, Sampling};
 
 /// Most paths of a pixel.
@@ -14,33 +15,44 @@ struct Block {
     variances: [Variance; 3],
     /// Paths per pixel.
     paths: f64,
+    /// Opacity, the mean over the pixels, and the number of them.
+    alpha: f64,
+    pixels: f64,
     /// Thread seconds of a path of each pixel.
     seconds: f64,
 }
 
 impl Block {
-    /// Returns the paths per pixel at which half the width of no channel's interval is larger than `width`.
-    fn needed(&self, width: f64, confidence: f64) -> u32 {
-        let most = self.variances.iter().map(|v| self.paths * times(v, width, confidence)).fold(0.0, f64::max);
-        (most.ceil() as u32).clamp(FEWEST, MOST)
+    /// Returns the paths per pixel at which half the width of no channel's interval is larger than `error` by the scale;
+    /// `z` is the normal quantile of the confidence.
+    fn needed(&self, error: f64, scale: f64, z: f64) -> u32 {
+        let most = self.variances.iter().map(|v| self.paths * times(v, error * scale, z)).fold(0.0, f64::max);
+        // Light that nobody has met may be left unseen where it is too faint to matter.
+        let matters = self.alpha > 0.0 && unseen_light(self.alpha, scale) > 0.5 * error * scale;
+        let met = if matters { 1.5 * FEWEST_MET / (self.alpha * self.pixels) } else { 0.0 };
+        (most.max(met).ceil() as u32).clamp(FEWEST, MOST)
     }
 }
 
 /// Returns how many times the pilot's paths make half the width of an interval `width`.
-fn times(pilot: &Variance, width: f64, confidence: f64) -> f64 {
+fn times(pilot: &Variance, width: f64, z: f64) -> f64 {
     if pilot.variance == 0.0 || width.is_nan() {
         return 0.0;
     }
-    // The part of the variance that an event makes falls as others come; where it is not rare, one may have as many.
-    let rareness = pilot.rareness();
-    let mut times = if rareness > 0.5 { 2.0 * rareness } else { 0.125 };
+    // Abramowitz and Stegun 26.7.5. Below three degrees of freedom a picture would not state an interval.
+    let quantile = |freedom: f64| {
+        let (v, z2) = (1.0 / freedom.max(3.0), z * z);
+        z * (1.0 + v / 4.0 * ((z2 + 1.0) + v / 24.0 * (5.0 * z2 * z2 + 16.0 * z2 + 3.0)))
+    };
     // The variance is estimated, here and by the picture's own replicates: two standard deviations more.
-    let margin = 1.0 + 2.0 * (3.0 / pilot.freedom).sqrt();
-    for _ in 0..4 {
-        let half_width = pilot.of_more(times).half_width(confidence);
-        times = times.max(margin * times * (half_width / width).powi(2)).min(f64::from(MOST));
-    }
-    times
+    let margin = 1.0 + 2.0 * (3.0 / pilot.freedom.max(3.0)).sqrt();
+    let needed = |times: f64| {
+        let more = pilot.of_more(times);
+        let half_width = more.half_width(quantile).min(10.0 * z * more.variance.sqrt());
+        (margin * times * (half_width / width).powi(2)).clamp(1e-3, f64::from(MOST))
+    };
+    // The part of the variance that an event makes falls as others come, and the interval by more than their root.
+    (0..6).fold(needed(1.0), |times, _| (times * needed(times)).sqrt())
 }
 
 /// What an error takes, block by block.
@@ -49,7 +61,8 @@ pub struct Demand {
     blocks: Vec<Block>,
     /// Scale of the pilot's radiance.
     scale: f64,
-    confidence: f64,
+    /// Normal quantile of the confidence.
+    z: f64,
 }
 
 impl Demand {
@@ -60,7 +73,9 @@ impl Demand {
             let pixels = || grid.pixels(block).map(|pixel| &pilot.sums()[pixel]);
             let paths = pixels().map(|pixel| pixel.paths).max().unwrap_or(0) as f64;
             let variances = [0, 1, 2].map(|c| Variance::of(pixels(), c));
-            Block { variances, paths, seconds: pilot.seconds()[block] / paths.max(1.0) }
+            let [.., alpha] = block_mean(pixels());
+            let seconds = pilot.seconds()[block] / paths.max(1.0);
+            Block { variances, paths, alpha, pixels: pixels().count() as f64, seconds }
         };
         let alone: Vec<Block> = (0..grid.count()).map(block).collect();
         // A block beside one of rare events has probably missed its own.
@@ -76,7 +91,7 @@ impl Demand {
             Block { variances: [0, 1, 2].map(of), ..alone[block] }
         };
         let scale = Intervals::of(pilot, confidence).scale;
-        Self { blocks: (0..grid.count()).map(around).collect(), scale, confidence }
+        Self { blocks: (0..grid.count()).map(around).collect(), scale, z: quantile(confidence, f64::INFINITY) }
     }
 
     /// Returns the scale of the pilot's radiance, see [`scale`](super::interval::scale).
@@ -87,7 +102,7 @@ impl Demand {
     /// Returns the paths per pixel of each block at which no interval's half width is larger than `error` times the
     /// scale: at least [`FEWEST`], at most [`MOST`].
     pub fn paths(&self, error: f64) -> Vec<u32> {
-        self.blocks.iter().map(|block| block.needed(error * self.scale, self.confidence)).collect()
+        self.blocks.iter().map(|block| block.needed(error, self.scale, self.z)).collect()
     }
 
     /// Returns the mean number of paths per pixel that a goal takes.
@@ -104,7 +119,7 @@ impl Demand {
         self.blocks.iter().zip(paths).map(|(block, paths)| block.seconds * f64::from(*paths)).sum()
     }
 
-    /// Returns the smallest error that takes no more than these thread seconds, to a hundredth of it; 0 if there is no
+    /// Returns the smallest error that takes no more than these thread seconds, to half a per cent of it; 0 if there is no
     /// noise, infinite if the fewest paths take longer.
     pub fn error_in(&self, seconds: f64) -> f64 {
         let fits = |error: f64| self.seconds(&self.paths(error)) <= seconds;
@@ -112,11 +127,11 @@ impl Demand {
             return 0.0;
         }
         // The cost falls as the error grows.
-        let (mut low, mut high) = (2.0_f64.powi(-40), 2.0_f64.powi(40));
+        let (mut low, mut high) = (2.0_f64.powi(-24), 2.0_f64.powi(8));
         if !fits(high) {
             return f64::INFINITY;
         }
-        while high > 1.01 * low {
+        while high > 1.005 * low {
             let middle = (low * high).sqrt();
             *if fits(middle) { &mut high } else { &mut low } = middle;
         }

@@ -4,13 +4,16 @@ use crate::metrics::statistical::probability::quantile;
 use crate::render::film::{Blocks, FEWEST, PixelSums, Replicates};
 use serde::Serialize;
 
+/// Fewest paths of a block that meet the medium, if any do, by which its noise is known.
+pub(super) const FEWEST_MET: f64 = 16.0;
+
 /// Why no interval is stated of a block, or one that is too wide.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Doubt {
     /// There are fewer than eight replicates.
     FewReplicates,
-    /// Few rare events make most of the variance: their number tells too little of how rare they are.
+    /// Few rare events make the variance: the interval is wider by some of them, and holds the mean if none is rarer.
     RareEvents,
     /// No path through the medium has met light: such a block is black, or lit by what is rarely found.
     NoLight,
@@ -25,7 +28,7 @@ pub struct Interval {
     pub mean: [f64; 3],
     /// Half of the interval's width in red, green and blue.
     pub half_width: [f64; 3],
-    /// Why no interval is stated.
+    /// Why no interval is stated, or one that is not known to hold the mean with the confidence.
     pub doubt: Option<Doubt>,
 }
 
@@ -37,7 +40,11 @@ impl Interval {
 
     /// Returns why the block is not known to be within an error; `None` if it is.
     pub fn doubt_within(&self, error: f64) -> Option<Doubt> {
-        self.doubt.or((self.largest() > error).then_some(Doubt::Wide))
+        match self.doubt {
+            Some(Doubt::RareEvents) | None if self.largest() <= error => None,
+            None => Some(Doubt::Wide),
+            doubt => doubt,
+        }
     }
 }
 
@@ -105,19 +112,25 @@ impl Variance {
     /// event makes all of a pixel's variance, it is three times as large and more. Sixteen events are enough.
     pub(super) fn rareness(&self) -> f64 {
         let by_chance = 2.0 * self.freedom.max(2.0).ln() / self.freedom.max(2.0);
-        self.largest / f64::max(1.3 * by_chance, 1.0 / 16.0)
+        self.largest / f64::max(by_chance, 1.0 / 16.0)
     }
 
-    /// Returns half the width of the interval that holds the mean with a confidence.
+    /// Returns half the width of the interval that holds the mean with a confidence, whose `quantile` of Student's
+    /// distribution with degrees of freedom is given.
     ///
     /// Few events tell as little of a variance as few degrees of freedom: if all made equal parts of it, there would be
-    /// one over the largest part of them.
-    pub(super) fn half_width(&self, confidence: f64) -> f64 {
+    /// one over the largest part of them. Where events are rare, the interval is wider by three of the largest: the
+    /// mean number of events of which k have come is below k + 2√k + 3 (Poisson, 97.5 %).
+    pub(super) fn half_width(&self, quantile: impl Fn(f64) -> f64) -> f64 {
         if self.variance == 0.0 {
             return 0.0;
         }
         let freedom = self.freedom.min(2.0 / self.largest - 2.0);
-        if freedom > 0.0 { quantile(confidence, freedom) * self.variance.sqrt() } else { f64::INFINITY }
+        if freedom <= 0.0 {
+            return f64::INFINITY;
+        }
+        let events = if self.rareness() > 1.0 { 3.0 * self.largest.sqrt() } else { 0.0 };
+        (quantile(freedom) + events) * self.variance.sqrt()
     }
 }
 
@@ -130,14 +143,14 @@ impl Intervals {
     /// States intervals from the sums of each pixel of a picture of this width and height.
     pub fn of_sums(size: [usize; 2], sums: &[PixelSums], confidence: f64) -> Self {
         let grid = Blocks::new(size);
-        let of = |block: usize| interval(|| grid.pixels(block).map(|pixel| &sums[pixel]), confidence);
-        let blocks: Vec<Interval> = (0..grid.count()).map(of).collect();
-        let grey = |pixel: &PixelSums| pixel.mean()[..3].iter().sum::<f64>() / 3.0;
+        let pixels = |block: usize| grid.pixels(block).map(|pixel| &sums[pixel]);
         let means = (0..grid.count()).map(|block| {
-            let (count, sum) = grid.pixels(block).fold((0.0, 0.0), |(n, sum), i| (n + 1.0, sum + grey(&sums[i])));
-            sum / count
+            let mean = block_mean(pixels(block));
+            (mean[0] + mean[1] + mean[2]) / 3.0
         });
-        Self { confidence, scale: scale(means), blocks }
+        let scale = scale(means);
+        let blocks = (0..grid.count()).map(|block| interval(|| pixels(block), scale, confidence)).collect();
+        Self { confidence, scale, blocks }
     }
 
     /// Returns half the width of a block's interval by the picture's scale, the largest of its channels.
@@ -146,29 +159,49 @@ impl Intervals {
         if width == 0.0 { 0.0 } else { width / self.scale }
     }
 
-    /// Returns the largest of [`Intervals::relative`] of blocks of which an interval is stated; 0 without any.
+    /// Returns the largest of [`Intervals::relative`] of blocks of which an interval is known; 0 without any.
     pub fn worst(&self) -> f64 {
-        let stated = (0..self.blocks.len()).filter(|block| self.blocks[*block].doubt.is_none());
+        let known = |doubt: Option<Doubt>| matches!(doubt, None | Some(Doubt::RareEvents));
+        let finite = |block: &usize| self.relative(*block).is_finite();
+        let stated = (0..self.blocks.len()).filter(|b| known(self.blocks[*b].doubt)).filter(finite);
         stated.map(|block| self.relative(block)).fold(0.0, f64::max)
     }
 }
 
+/// Returns how much light a medium of this opacity may scatter of which nothing has been seen: three times what a picture
+/// of this scale would show of an opaque one.
+pub(super) fn unseen_light(alpha: f64, scale: f64) -> f64 {
+    3.0 * alpha * scale
+}
+
+/// Returns the mean of a block's pixels: red, green, blue and alpha.
+pub(super) fn block_mean<'p>(pixels: impl Iterator<Item = &'p PixelSums>) -> [f64; 4] {
+    let (count, sum) = pixels.fold((0.0, [0.0; 4]), |(n, sum), pixel| {
+        let mean = pixel.mean();
+        (n + 1.0, std::array::from_fn(|c| sum[c] + mean[c]))
+    });
+    sum.map(|sum: f64| sum / f64::max(count, 1.0))
+}
+
 /// States the interval of a block from its pixels.
-fn interval<'p, P: Iterator<Item = &'p PixelSums>>(pixels: impl Fn() -> P, confidence: f64) -> Interval {
-    let count = pixels().count().max(1) as f64;
-    let mean = |c: usize| pixels().map(|pixel| pixel.mean()[c]).sum::<f64>() / count;
+fn interval<'p, P: Iterator<Item = &'p PixelSums>>(pixels: impl Fn() -> P, scale: f64, confidence: f64) -> Interval {
+    let [r, g, b, alpha] = block_mean(pixels());
     let variances = [0, 1, 2].map(|c| Variance::of(pixels(), c));
-    let means = [0, 1, 2].map(mean);
+    // Paths that meet the medium: where there are hardly any, what it scatters has hardly been seen.
+    let met: f64 = pixels().map(|pixel| pixel.paths as f64 * pixel.mean()[3]).sum();
+    let unseen = met > 0.0 && met < FEWEST_MET;
     let doubt = if pixels().any(|pixel| pixel.replicates < FEWEST) {
         Some(Doubt::FewReplicates)
-    } else if variances.iter().any(|v| v.rareness() > 1.0) {
+    } else if unseen || variances.iter().any(|v| v.rareness() > 1.0) {
         Some(Doubt::RareEvents)
-    } else if means == [0.0; 3] && mean(3) > 0.0 {
+    } else if [r, g, b] == [0.0; 3] && alpha > 0.0 {
         Some(Doubt::NoLight)
     } else {
         None
     };
-    Interval { mean: means, half_width: variances.map(|v| v.half_width(confidence)), doubt }
+    let wider = if unseen { unseen_light(alpha, scale) } else { 0.0 };
+    let half_width = |v: Variance| v.half_width(|freedom| quantile(confidence, freedom)) + wider;
+    Interval { mean: [r, g, b], half_width: variances.map(half_width), doubt }
 }
 
 #[cfg(test)]
