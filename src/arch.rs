@@ -28,6 +28,15 @@ impl Arch {
         Self { any: pulp::Arch::Scalar }
     }
 
+    /// Returns the name of the instruction set.
+    pub fn name(self) -> String {
+        #[cfg(target_arch = "x86_64")]
+        let set = if self.wide.is_some() { "AVX2 and FMA" } else { "baseline" };
+        #[cfg(not(target_arch = "x86_64"))]
+        let set = if matches!(self.any, pulp::Arch::Scalar) { "baseline" } else { "vectors" };
+        format!("{}, {set}", std::env::consts::ARCH)
+    }
+
     /// Runs `loops`; what is inlined into its `call` is compiled for the instruction set.
     #[inline(always)]
     pub(crate) fn dispatch<F: pulp::NullaryFnOnce>(self, loops: F) -> F::Output {

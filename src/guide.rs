@@ -19,6 +19,7 @@
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
 //! | [A loss of your own](own_loss) | How do I differentiate a loss that I write in NumPy or PyTorch? |
 //! | [Accuracy and cost](accuracy_and_cost) | What does accuracy cost in time and memory? |
+//! | [Self-test](self_test) | Which inputs break formulas of rendering, and is the program right on my machine? |
 //! | [Scripts](shell) | How do I work on sequences, read exit codes and JSON, and check renders in a pipeline? |
 //! | [Python](python) | How do I call it from Python, and test renders with pytest? |
 //! | [Library](library) | How do I call all of this from Rust? |
@@ -78,6 +79,9 @@ pub mod reconstruction {}
 
 #[doc = include_str!("guide/scattering.md")]
 pub mod scattering {}
+
+#[doc = include_str!("guide/self-test.md")]
+pub mod self_test {}
 
 #[doc = include_str!("guide/shell.md")]
 pub mod shell {}

@@ -9,6 +9,7 @@ pub mod denoise;
 pub mod differentiate;
 pub(crate) mod dual;
 pub mod error;
+pub mod hard_cases;
 pub mod inverse;
 pub mod math;
 pub mod metrics;

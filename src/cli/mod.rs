@@ -27,6 +27,7 @@ mod render;
 mod report;
 mod run;
 mod schema;
+mod selftest;
 mod transfer;
 mod try_grid;
 mod usd;
@@ -48,6 +49,7 @@ use crate::app::plan::PlanSettings;
 use crate::app::pose::PoseSettings;
 use crate::app::render::RenderSettings;
 use crate::app::report::PageSettings;
+use crate::app::selftest::SelftestSettings;
 use crate::app::validate::ValidateSettings;
 use crate::app::viewpoint::ViewpointSettings;
 use crate::error::{Code, Error, Kind, Result};
@@ -119,6 +121,7 @@ enum Command {
     Reconstruct(Reconstruct),
     Report(PageSettings),
     Schema(schema::Schema),
+    Selftest(SelftestSettings),
     Transfer(FunctionSettings),
     #[command(name = crate::formats::vdb::helper::SUBCOMMAND, hide = true)]
     TryGrid(try_grid::TryGrid),
@@ -150,6 +153,7 @@ impl Command {
             Self::Render(s) => s,
             Self::Report(s) => s,
             Self::Schema(c) => c,
+            Self::Selftest(s) => s,
             Self::Transfer(s) => s,
             Self::TryGrid(c) => c,
             Self::Usd(UsdCommand::Author(s)) => &**s,

@@ -137,7 +137,7 @@ impl Light {
             fluence: radiance * solid_angle.min(4.0 * PI) as f32,
         };
         match *self {
-            Self::Sun { irradiance, angle, .. } => match (0.25 * angle).sin() {
+            Self::Sun { irradiance, angle, .. } => match half_sine_of_sun(angle) {
                 0.0 => LightBounds { radiance: unlimited(irradiance), fluence: irradiance },
                 half_sine => extended(irradiance / disc(half_sine) as f32, cone(half_sine)),
             },
@@ -166,7 +166,7 @@ impl Light {
     #[inline]
     pub fn sample(&self, from: DVec3, [u, v]: [f64; 2]) -> Option<Arrival> {
         match *self {
-            Self::Sun { direction, irradiance, angle } => Some(match (0.25 * angle).sin() {
+            Self::Sun { direction, irradiance, angle } => Some(match half_sine_of_sun(angle) {
                 0.0 => Arrival { direction, distance: f64::INFINITY, radiance: irradiance, density: f64::INFINITY },
                 half_sine => Arrival {
                     direction: in_cone(direction, half_sine, [u, v]),
@@ -207,7 +207,7 @@ impl Light {
         let direction = ray.direction;
         match *self {
             Self::Sun { direction: axis, irradiance, angle } => {
-                let half_sine = (0.25 * angle).sin();
+                let half_sine = half_sine_of_sun(angle);
                 // |a - b| = 2 sin(θ / 2) keeps what the cosine of a small angle loses.
                 let inside = (axis - direction).length() < 2.0 * half_sine;
                 inside.then(|| Arrival {
@@ -256,6 +256,13 @@ impl Light {
 /// Returns an infinite radiance in channels that have light.
 fn unlimited(light: Vec3) -> Vec3 {
     Vec3::select(light.cmpeq(Vec3::ZERO), Vec3::ZERO, Vec3::INFINITY)
+}
+
+/// Returns the sine of half of the angular radius of a sun from its angular diameter; 0 below the width that directions
+/// resolve, of which the radiance would overflow.
+fn half_sine_of_sun(angle: f64) -> f64 {
+    const LEAST: f64 = 1e-12;
+    if angle < LEAST { 0.0 } else { (0.25 * angle).sin() }
 }
 
 /// Returns the integral of the cosine over a disc on the sky, `π sin² θ`, from the sine of half of its radius θ.

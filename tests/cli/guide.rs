@@ -22,6 +22,7 @@ const PAGES: &[&str] = &[
     "src/guide/own-loss.md",
     "src/guide/reconstruction.md",
     "src/guide/scattering.md",
+    "src/guide/self-test.md",
     "src/guide/paths.md",
     "src/guide/planning.md",
     "src/guide/python.md",
@@ -252,6 +253,11 @@ fn planning() {
 #[test]
 fn scattering() {
     assert!(run("src/guide/scattering.md") >= 6);
+}
+
+#[test]
+fn self_test() {
+    assert!(run("src/guide/self-test.md") >= 3);
 }
 
 #[test]

@@ -40,6 +40,7 @@ mod render;
 mod report;
 mod scattering;
 mod schemas;
+mod selftest;
 mod sequence;
 mod sequences;
 mod shell;

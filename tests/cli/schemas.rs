@@ -123,6 +123,7 @@ fn documents_of_every_command_are_what_their_schemas_say() {
     ok("usd-lint", "usd lint s.usda");
     ok("info", "info s.usda");
     ok("man", "man -o pages");
+    ok("selftest", "selftest");
     for words in ["@plume.vdb", "@kinds.vdb", "@exr/blender.exr", "cap", "cap/view_000.png"] {
         ok("view", &format!("view {words} --size 32 -o sheet.png"));
     }
@@ -150,6 +151,7 @@ fn documents_of_failures_are_what_their_schemas_say() {
         ("reconstruct-tf", "reconstruct tf none --volume @plume.vdb -o out.tf.json"),
         ("render", "render @plume.vdb --views 1 --grid none -o out"),
         ("report", "report none"),
+        ("selftest", "selftest none"),
         ("transfer", "transfer none.tf.json"),
         ("usd-author", "usd author bad.vdb -o out.usda"),
         ("usd-lint", "usd lint none.usda"),

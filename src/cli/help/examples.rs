@@ -106,6 +106,7 @@ const TABLE: &[Examples] = &[
     ),
     ("report", &["cumulo report page --reference smoke.vdb"]),
     ("schema", &["cumulo schema scene", "cumulo schema diff > diff.schema.json"]),
+    ("selftest", &["cumulo selftest", "cumulo selftest dvr thin-free-paths       # an area and a case"]),
     (
         "transfer",
         &[

@@ -13,6 +13,7 @@ use crate::differentiate::loss::prior::TransferPrior;
 use crate::error::Result;
 use crate::inverse::progress::Stage;
 use crate::inverse::solver::adam::Adam;
+use crate::inverse::solver::softplus;
 use crate::metrics::error::unit_psnr_db;
 use crate::render::composited::Composited;
 use crate::render::differentiable::{Accumulators, Adjoint, ParameterGradient};
@@ -82,11 +83,7 @@ impl Descent {
         let quarter = 0.25 * fit.field.world_bounds().size().max_element() * fit.request.extinction;
         let unit = if deepest > 0.0 { f64::from(deepest) / quarter } else { 1.0 / quarter };
         let of = |(c, v): (usize, &f64)| match c {
-            3 => {
-                // ln(e^x - 1) without overflow.
-                let x = (v / unit).max(CLOSE);
-                x + (-(-x).exp()).ln_1p()
-            }
+            3 => softplus::inverse((v / unit).max(CLOSE)),
             _ => {
                 let v = v.clamp(CLOSE, 1.0 - CLOSE);
                 (v / (1.0 - v)).ln()
@@ -107,10 +104,9 @@ impl Descent {
 
     /// Value of a channel, and its derivative.
     fn channel(&self, channel: usize, u: f64) -> (f64, f64) {
-        let share = 1.0 / (1.0 + (-u).exp());
+        let [value, share] = softplus::value(u);
         if channel == 3 {
-            // ln(1 + e^u) without overflow.
-            return (self.unit * (u.max(0.0) + (-u.abs()).exp().ln_1p()), self.unit * share);
+            return (self.unit * value, self.unit * share);
         }
         (share, share * (1.0 - share))
     }

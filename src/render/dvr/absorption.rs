@@ -19,7 +19,11 @@ pub(super) fn grey(depth: f64, color: [f32; 3]) -> Radiance {
     Radiance { rgb: color.map(|c| f64::from(c) * opacity), depth }
 }
 
-/// The optical depth of a ray as it is summed: within a batch of bricks in `R`, from batch to batch in `f64`.
+/// Cells, in fours, that are summed in `R`: no fewer than a batch of bricks has. Samples may be many more, and the sum
+/// of thousands of equal numbers drifts in single precision.
+const SUMMED: usize = 64;
+
+/// The optical depth of a ray as it is summed: a few cells in `R`, all in `f64`.
 pub(super) struct OpticalDepth<'d, R: Real, Q> {
     dvr: &'d Dvr<'d, R>,
     rule: Q,
@@ -76,11 +80,13 @@ impl<R: Real, Q: DepthRule<R>> Compositing<R> for OpticalDepth<'_, R, Q> {
     fn composite<const KEEP: bool>(&mut self, spans: &[Span<R>], tape: &mut Vec<Quartet<R>>) -> bool {
         let first = tape.len();
         self.rule.cells(spans, tape);
-        let mut sum = R::Lanes::splat(R::ZERO);
-        for cells in &tape[first..] {
-            sum += cells.gather(&self.dvr.field.values);
+        for few in tape[first..].chunks(SUMMED) {
+            let mut sum = R::Lanes::splat(R::ZERO);
+            for cells in few {
+                sum += cells.gather(&self.dvr.field.values);
+            }
+            self.integral += sum.sum().f64();
         }
-        self.integral += sum.sum().f64();
         self.integral < self.limit
     }
 }
