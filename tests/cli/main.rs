@@ -15,6 +15,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod accuracy;
 mod arrays;
 mod capture;
 mod command_line;

@@ -7,7 +7,7 @@ use crate::app::ranges;
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::exr::Attributes;
-use crate::render::accuracy::demand::{Deal, doubts};
+use crate::render::accuracy::demand::Deal;
 use crate::render::accuracy::interval::{Doubt, Intervals};
 use crate::render::accuracy::pilot::{Goal, pilot};
 use crate::render::film::{Aov, Blocks, EDGE, Rendered, Replicates, Sampling, View};
@@ -193,7 +193,7 @@ impl fmt::Display for AccuracyReport {
         )?;
         for (doubt, words) in [
             (Doubt::Wide, "have a larger error"),
-            (Doubt::RareEvents, "have too few events that make their noise, and no error is stated"),
+            (Doubt::RareEvents, "have too few events that make their noise to be sure of it"),
             (Doubt::NoLight, "scatter, and no path found light"),
             (Doubt::FewReplicates, "have fewer than 8 replicates, and no error is stated"),
         ] {
@@ -335,7 +335,7 @@ impl Work<'_, '_> {
         let intervals = Intervals::of(made, self.settings.confidence);
         let target = self.settings.target_error;
         let doubtful: Vec<Doubtful> =
-            doubts(&intervals, target).into_iter().map(|(reason, blocks)| Doubtful { reason, blocks }).collect();
+            intervals.doubts(target).into_iter().map(|(reason, blocks)| Doubtful { reason, blocks }).collect();
         let paths = made.sums().iter().map(|sums| sums.paths as f64);
         let blocks = intervals.blocks.len();
         let error = PictureError {
@@ -363,10 +363,10 @@ impl Work<'_, '_> {
 }
 
 /// Returns the planes of a picture's error: `error.V`, the error of each pixel's block by the picture's scale, 0 where
-/// none is stated; `error.certified`, 1 where it is within the target; and the number of paths, unless it is asked for.
+/// none is known; `error.certified`, 1 where it is known with the confidence, and within the target; and the number of
+/// paths, unless it is asked for.
 fn planes(made: &Replicates, intervals: &Intervals, target: Option<f64>, has_samples: bool) -> Vec<Plane> {
     let grid = Blocks::new(made.size());
-    let within = target.map_or(f64::INFINITY, |target| target * intervals.scale);
     let by_block = |name: &str, value: &dyn Fn(usize) -> f32| {
         let values: Vec<f32> = (0..grid.count()).map(value).collect();
         let width = made.size()[0].max(1);
@@ -377,7 +377,7 @@ fn planes(made: &Replicates, intervals: &Intervals, target: Option<f64>, has_sam
         error if error.is_finite() => error as f32,
         _ => 0.0,
     };
-    let certified = |block: usize| f32::from(u8::from(intervals.blocks[block].doubt_within(within).is_none()));
+    let certified = |block: usize| f32::from(u8::from(intervals.doubt(block, target).is_none()));
     let samples = made.sums().iter().map(|sums| sums.paths as f32).collect();
     let samples = (!has_samples).then(|| Plane { name: "Debug Sample Count.X".into(), samples });
     samples.into_iter().chain([by_block("error.V", &error), by_block("error.certified", &certified)]).collect()
@@ -393,6 +393,11 @@ impl PictureError {
         add("certified", format!("{} of {} blocks of {EDGE}x{EDGE} pixels", self.certified, self.blocks));
         add("replicates", self.replicates.to_string());
         add("paths", format!("{} to {} a pixel, {} on average", self.paths[0], self.paths[2], self.paths[1]));
+    }
+
+    /// True if the picture was stopped before it was done.
+    pub(super) fn is_stopped(&self) -> bool {
+        self.stopped
     }
 
     /// Returns the mean number of paths of a pixel.

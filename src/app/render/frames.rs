@@ -405,6 +405,10 @@ impl Sequence<'_> {
         self.render.accuracy.check_paths(matches!(renderer.renderer, Renderer::Paths(_)))?;
         let view = (number as usize, view, end);
         let (rendered, error) = self.render.picture(&renderer, view, (&self.cancel, progress), context)?;
+        // Frames that are there are done.
+        if error.as_ref().is_some_and(PictureError::is_stopped) {
+            return Err(Error::cancelled());
+        }
         let Rendered { film, counts } = rendered;
         self.visibility.add(&film);
         self.inputs.extend(shot.provenance.inputs.clone());

@@ -395,6 +395,10 @@ impl RenderSettings {
             let picture = bar.picture();
             let view = (**number, (*camera).into(), end);
             let (rendered, error) = self.picture(renderer, view, (cancel, &picture), context)?;
+            // One picture that was stopped is shown as it is. Of several, which appear together, some are missing.
+            if views.len() > 1 && error.as_ref().is_some_and(PictureError::is_stopped) {
+                return Err(Error::cancelled());
+            }
             let Rendered { film, counts } = rendered;
             visibility.add(&film);
             let mut attributes = attributes.clone();

@@ -1,6 +1,6 @@
 //! Paths that a wanted error takes, by a pilot.
 
-use super::interval::{Doubt, FEWEST_MET, Intervals, Variance, block_mean, unseen_light};
+use super::interval::{FEWEST_MET, Intervals, Variance, block_mean, unseen_light};
 use super::pilot::Goal;
 use crate::metrics::statistical::probability::quantile;
 use crate::render::film::{Blocks, FEWEST, Replicates, Sampling};
@@ -175,12 +175,4 @@ impl Deal {
         };
         self.paths.iter().map(of).collect()
     }
-}
-
-/// Returns the number of blocks by what is doubtful about them.
-pub fn doubts(intervals: &Intervals, error: Option<f64>) -> Vec<(Doubt, usize)> {
-    let all = [Doubt::FewReplicates, Doubt::RareEvents, Doubt::NoLight, Doubt::Wide];
-    let within = error.map_or(f64::INFINITY, |error| error * intervals.scale);
-    let count = |doubt| intervals.blocks.iter().filter(|block| block.doubt_within(within) == Some(doubt)).count();
-    all.into_iter().map(|doubt| (doubt, count(doubt))).filter(|(_, count)| *count > 0).collect()
 }

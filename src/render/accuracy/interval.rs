@@ -159,6 +159,21 @@ impl Intervals {
         if width == 0.0 { 0.0 } else { width / self.scale }
     }
 
+    /// Returns why a block is not known to be within an error by the scale; without one, why no interval of it is stated.
+    pub fn doubt(&self, block: usize, error: Option<f64>) -> Option<Doubt> {
+        match error {
+            Some(error) => self.blocks[block].doubt_within(error * self.scale),
+            None => self.blocks[block].doubt,
+        }
+    }
+
+    /// Returns the number of blocks by why they are not known to be within an error, as [`Intervals::doubt`] says.
+    pub fn doubts(&self, error: Option<f64>) -> Vec<(Doubt, usize)> {
+        let count = |which| (0..self.blocks.len()).filter(|block| self.doubt(*block, error) == Some(which)).count();
+        let all = [Doubt::FewReplicates, Doubt::RareEvents, Doubt::NoLight, Doubt::Wide];
+        all.into_iter().map(|which| (which, count(which))).filter(|(_, count)| *count > 0).collect()
+    }
+
     /// Returns the largest of [`Intervals::relative`] of blocks of which an interval is known; 0 without any.
     pub fn worst(&self) -> f64 {
         let known = |doubt: Option<Doubt>| matches!(doubt, None | Some(Doubt::RareEvents));

@@ -1,0 +1,117 @@
+//! Pictures of a wanted error, or as good as they become in a given time.
+
+use crate::common::work::Work;
+use cumulo::error::Code;
+use serde_json::Value;
+use std::time::Instant;
+
+const LIT: &str = "--views 1 --size 40x32 --density-scale 4 --albedo 0.9 --sun 1,1,2 --sun-color 3 --sky 0.2,0.3,0.5";
+
+fn error(report: &Value) -> &Value {
+    &report["accuracy"]["pictures"][0]
+}
+
+/// A picture reaches the error that it is to have, by more paths where there is more noise, with the same bits for any
+/// number of threads; what was reached is in the report, in attributes and in planes.
+#[test]
+fn pictures_reach_a_wanted_error() {
+    let work = Work::new();
+    let report = work.json(&format!("render @plume.vdb {LIT} --target-error 0.02 -o one.exr"));
+    let found = error(&report);
+    let number = |key: &str| found[key].as_f64().unwrap();
+    assert!(number("error") > 0.004 && number("error") <= 0.02 && number("blocks") == 20.0, "{found}");
+    assert!(number("certified") >= 18.0 && number("replicates") == 16.0, "{found}");
+    let paths = &found["paths"];
+    assert!(paths[0].as_f64() < paths[1].as_f64() && paths[1].as_f64() < paths[2].as_f64(), "{found}");
+    let film = work.picture("one.exr");
+    let plane = |name: &str| film.plane(name).unwrap().to_vec();
+    let [certified, errors, samples] = ["error.certified", "error.V", "Debug Sample Count.X"].map(plane);
+    assert!(certified.iter().zip(&errors).all(|(certified, error)| *certified == 0.0 || *error <= 0.02));
+    assert_eq!(certified.iter().filter(|v| **v == 1.0).count() / 64, number("certified") as usize);
+    let mean = samples.iter().map(|v| f64::from(*v)).sum::<f64>() / samples.len() as f64;
+    assert!((mean - paths[1].as_f64().unwrap()).abs() < 1e-6 * mean, "{mean} {found}");
+    let header = work.json("info one.exr").to_string();
+    assert!(header.contains("cumulo:certified") && header.contains("cumulo:confidence"), "{header}");
+
+    work.json(&format!("render @plume.vdb {LIT} --target-error 0.02 --threads 1 -o two.exr"));
+    assert_eq!(film, work.picture("two.exr"));
+    work.json(&format!("render @plume.vdb {LIT} --target-error 0.02 --seed 1 -o three.exr"));
+    assert_ne!(film.rgba, work.picture("three.exr").rgba);
+    // A part of the picture has the same random numbers, though not as many of them everywhere.
+    let part = work.json(&format!("render @plume.vdb {LIT} --target-error 0.02 --crop 8,8,16x16 -o part.exr"));
+    assert_eq!(error(&part)["blocks"], 4);
+}
+
+/// The truth of many paths is within the stated error.
+#[test]
+fn the_stated_error_is_that_of_the_picture() {
+    let work = Work::new();
+    work.json(&format!("render @plume.vdb {LIT} --samples 4096 --seed 7 -o true.exr"));
+    work.json(&format!("render @plume.vdb {LIT} --target-error 0.02 --aov variance,direct,halves -o made.exr"));
+    let (truth, made) = (work.picture("true.exr"), work.picture("made.exr"));
+    let (mut within, mut blocks) = (0, 0);
+    let scale = 0.35;
+    for (x, y) in (0..4).flat_map(|y| (0..5).map(move |x| (8 * x, 8 * y))) {
+        let at = || (0..64).map(|i| (y + i / 8) * 40 + x + i % 8);
+        let mean =
+            |film: &cumulo::scene::film::Film, c: usize| at().map(|i| f64::from(film.rgba[i][c])).sum::<f64>() / 64.0;
+        let off = (0..3).map(|c| (mean(&truth, c) - mean(&made, c)).abs()).fold(0.0, f64::max);
+        within += usize::from(off <= 0.02 * scale);
+        blocks += 1;
+    }
+    assert!(within >= blocks - 1, "{within} of {blocks}");
+    assert!(made.plane("variance.R").unwrap().iter().any(|v| *v > 0.0));
+    // Halves are means of half of the replicates each, and their mean is the picture.
+    let [a, b] = ["half_a.R", "half_b.R"].map(|name| made.plane(name).unwrap());
+    let off = (0..a.len()).map(|i| (0.5 * (a[i] + b[i]) - made.rgba[i][0]).abs()).fold(0.0, f32::max);
+    assert!(off < 0.05, "{off}");
+}
+
+/// A picture takes the time that it has, and says what it reached; frames share it.
+#[test]
+fn pictures_keep_to_a_time() {
+    let work = Work::new();
+    let begun = Instant::now();
+    let report = work.json(&format!("render @plume.vdb {LIT} --time 2s -o one.exr"));
+    let seconds = begun.elapsed().as_secs_f64();
+    assert!((1.0..4.0).contains(&seconds), "{seconds}");
+    let found = error(&report);
+    assert!(found["error"].as_f64().unwrap() < 0.02 && found["replicates"].as_u64().unwrap() >= 8, "{found}");
+    let begun = Instant::now();
+    let report = work.json(&format!("render @plume.vdb {LIT} --frames 1-3 --time 3 -o shot"));
+    let seconds = begun.elapsed().as_secs_f64();
+    assert!((1.5..6.0).contains(&seconds), "{seconds}");
+    assert_eq!(report["accuracy"]["pictures"].as_array().unwrap().len(), 3);
+    // A time that is over leaves a picture of which no error is stated.
+    let report = work.json(&format!("render @plume.vdb {LIT} --time 0.001 -o short.exr"));
+    let found = error(&report);
+    assert_eq!(
+        (&found["certified"], &found["doubtful"][0]["reason"]),
+        (&0.into(), &"few-replicates".into()),
+        "{found}"
+    );
+}
+
+#[test]
+fn what_contradicts_is_refused() {
+    let work = Work::new();
+    for words in [
+        "--albedo 0.9 --target-error 0",
+        "--albedo 0.9 --target-error -1",
+        "--albedo 0.9 --target-error 0.1 --samples 4",
+        "--albedo 0.9 --time 3 --samples 4",
+        "--albedo 0.9 --time 3 --target-error 0.1",
+        "--albedo 0.9 --time soon",
+        "--albedo 0.9 --time 0s",
+        "--albedo 0.9 --target-error 0.1 --confidence 1",
+        "--albedo 0.9 --target-error 0.1 --confidence 95",
+    ] {
+        work.refused(&format!("render @plume.vdb --views 1 --size 8x8 {words} -o x.exr"), Code::Usage, &[]);
+    }
+    work.refused(
+        "render @plume.vdb --views 1 --size 8x8 --target-error 0.1 -o x.exr",
+        Code::Invalid,
+        &["--target-error", "nothing is scattered"],
+    );
+    assert!(!work.path("x.exr").exists());
+}
