@@ -1,7 +1,7 @@
 # Every target makes what it needs: Debian packages where they are missing, Python environments, the
 # program. A second run finds it all there.
 .DEFAULT_GOAL := demo
-.PHONY: demo test fuzz soak check bench build setup share install deb addon clean
+.PHONY: demo test fuzz soak coverage check bench build setup share install deb addon clean
 
 export CUMULO := $(CURDIR)/target/release/cumulo
 export PYTHONDONTWRITEBYTECODE := 1
@@ -57,6 +57,12 @@ SOAK_SECONDS ?= 600
 soak: ## random hard scenes, path-traced for ten minutes
 	python/setup.sh build
 	SOAK_SECONDS=$(SOAK_SECONDS) cargo test --release --locked --test process soak:: -- --nocapture
+
+SEEDS ?= 1000
+
+coverage: ## stated errors of path-traced pictures against the truth, over a thousand seeds of six scenes
+	python/setup.sh build
+	COVERAGE_SEEDS=$(SEEDS) cargo test --release --locked --test kernels accuracy:: -- --nocapture
 
 check: ## what is worth seeing before each commit; under three minutes once built
 	python/setup.sh build

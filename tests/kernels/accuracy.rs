@@ -1,6 +1,6 @@
 //! Stated errors of pictures against converged ones, over many seeds.
 //!
-//! `COVERAGE_SEEDS=1000` runs the long form, of which `make coverage` prints a table.
+//! `make coverage` runs the long form, over a thousand seeds, and prints its table.
 
 use crate::common::fields::{field, lumps, unit};
 use cumulo::cancel::Cancel;
