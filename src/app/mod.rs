@@ -45,6 +45,7 @@ pub mod report;
 pub mod run;
 pub mod sequence;
 pub mod statistics;
+pub mod study;
 pub(crate) mod task;
 pub mod transfer;
 pub mod up;

@@ -27,6 +27,7 @@ mod render;
 mod report;
 mod run;
 mod schema;
+mod study;
 mod transfer;
 mod try_grid;
 mod usd;
@@ -63,6 +64,7 @@ use run::Run;
 use std::ffi::{OsStr, OsString};
 use std::io::Write;
 use std::process::ExitCode;
+use study::Study;
 use usd::UsdCommand;
 
 /// Volumes between OpenVDB, Blender, USD and EXR: inspect, render, compare and reconstruct.
@@ -119,6 +121,8 @@ enum Command {
     Reconstruct(Reconstruct),
     Report(PageSettings),
     Schema(schema::Schema),
+    #[command(subcommand)]
+    Study(Study),
     Transfer(FunctionSettings),
     #[command(name = crate::formats::vdb::helper::SUBCOMMAND, hide = true)]
     TryGrid(try_grid::TryGrid),
@@ -150,6 +154,7 @@ impl Command {
             Self::Render(s) => s,
             Self::Report(s) => s,
             Self::Schema(c) => c,
+            Self::Study(Study::Render(s)) => &**s,
             Self::Transfer(s) => s,
             Self::TryGrid(c) => c,
             Self::Usd(UsdCommand::Author(s)) => &**s,

@@ -7,6 +7,7 @@ use crate::app::denoise::{Cuts, Direction, Filter, Guide};
 use crate::app::gradient::{LossName, Wrt};
 use crate::app::reconstruct::refinement::Refined;
 use crate::app::reconstruct::{density, transfer};
+use crate::app::study::render::Knob;
 use crate::app::up::UpChoice;
 use crate::differentiate::study::ad_mode::Mode;
 use crate::formats::imaging::options::Axes;
@@ -63,6 +64,16 @@ value_enum!(Choice for Aov {
                        tracing)";
     Samples: "samples", "Number of paths: Debug Sample Count.X (path tracing)";
     Halves: "halves", "Radiance of two independent halves of the paths: half_a.R, …, half_b.B (path tracing)";
+});
+
+value_enum!(ValueEnum for Knob {
+    Quadrature: "quadrature", "Integration along straight rays";
+    Step: "step", "Step of midpoint and riemann, in voxels";
+    EarlyStop: "early-stop", "Transmittance at which straight rays end";
+    Supersample: "supersample", "Straight rays along each edge of a pixel";
+    Samples: "samples", "Paths per pixel";
+    MaxBounces: "max-bounces", "Most scatterings along a path";
+    Clamp: "clamp", "Most radiance that is scattered to a path";
 });
 
 value_enum!(Choice for Layout {

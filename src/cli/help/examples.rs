@@ -107,6 +107,13 @@ const TABLE: &[Examples] = &[
     ("report", &["cumulo report page --reference smoke.vdb"]),
     ("schema", &["cumulo schema scene", "cumulo schema diff > diff.schema.json"]),
     (
+        "study render",
+        &[
+            "cumulo study render smoke.vdb --density-scale auto -o page",
+            "cumulo study render smoke.vdb --albedo 0.9 --sun 1,1,2 --knobs samples --wanted-error 0.05 -o page",
+        ],
+    ),
+    (
         "transfer",
         &[
             "cumulo transfer preset.json -o warm.tf.json",

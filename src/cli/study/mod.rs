@@ -1,0 +1,17 @@
+//! `cumulo study`: error against time on the user's own inputs.
+
+mod options;
+mod render;
+
+use crate::app::study::render::RenderStudySettings;
+
+/// Measure the error of settings against their time, on your own inputs, and recommend one
+///
+/// The reference is converged by Cumulo itself and has an uncertainty of its own. The folder of the page gets a table
+/// (study.csv), a record (study.json) and the reference, too.
+#[derive(Debug, clap::Subcommand)]
+pub(crate) enum Study {
+    /// Pictures: quadrature, step, early stop and rays a pixel, or paths and scatterings.
+    #[command(name = "render")]
+    Render(Box<RenderStudySettings>),
+}
