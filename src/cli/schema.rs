@@ -65,6 +65,7 @@ kinds! {
     ReconstructTf: "reconstruct tf" => app::reconstruct::TransferRun;
     Render: "render" => app::render::RenderReport;
     Report: "report" => app::report::PageReport;
+    StudyDenoise: "study denoise" => app::study::StudyReport;
     StudyRender: "study render" => app::study::StudyReport;
     Transfer: "transfer" => app::function::FunctionReport;
     UsdAuthor: "usd author" => app::usd::author::AuthorReport;

@@ -7,6 +7,7 @@ use crate::app::denoise::{Cuts, Direction, Filter, Guide};
 use crate::app::gradient::{LossName, Wrt};
 use crate::app::reconstruct::refinement::Refined;
 use crate::app::reconstruct::{density, transfer};
+use crate::app::study::denoise::DenoiseKnob;
 use crate::app::study::render::Knob;
 use crate::app::up::UpChoice;
 use crate::differentiate::study::ad_mode::Mode;
@@ -74,6 +75,12 @@ value_enum!(ValueEnum for Knob {
     Samples: "samples", "Paths per pixel";
     MaxBounces: "max-bounces", "Most scatterings along a path";
     Clamp: "clamp", "Most radiance that is scattered to a path";
+});
+
+value_enum!(ValueEnum for DenoiseKnob {
+    Method: "method", "Way to denoise";
+    Direction: "direction", "Frames that a frame learns from, of wrls2";
+    Overlap: "overlap", "Frames after a frame that are read to learn from, of wrls2";
 });
 
 value_enum!(Choice for Layout {

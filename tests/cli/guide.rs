@@ -70,7 +70,7 @@ const OTHERS: &[&str] = &[
 
 /// Sizes that keep the commands short: subcommand, option, its value, and an option beside which it is not allowed.
 /// A command that has the option itself keeps its value.
-const SIZES: [(&str, &str, &str, Option<&str>); 13] = [
+const SIZES: [(&str, &str, &str, Option<&str>); 15] = [
     ("render", "--size", "32x32", Some("--cameras")),
     ("reconstruct density", "--resolution", "12", Some("--voxel-size")),
     ("reconstruct density", "--iterations", "2", None),
@@ -84,6 +84,8 @@ const SIZES: [(&str, &str, &str, Option<&str>); 13] = [
     ("gradient", "--size", "16x16", Some("--target")),
     ("study render", "--size", "24x24", None),
     ("study render", "--repeats", "1", None),
+    ("study denoise", "--repeats", "1", None),
+    ("study denoise", "--knobs", "method", None),
 ];
 
 /// A fenced block: the words behind the backticks, and its lines.
@@ -181,7 +183,7 @@ fn readme() {
 
 #[test]
 fn accuracy_and_cost() {
-    assert!(run("src/guide/accuracy-and-cost.md") >= 8);
+    assert!(run("src/guide/accuracy-and-cost.md") >= 11);
 }
 
 /// Its commands are of a Blender file.

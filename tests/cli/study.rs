@@ -145,3 +145,22 @@ fn what_no_study_can_do_is_refused() {
     work.json("gradient @plume.vdb --views 1 --size 8x8 --loss mean --wrt camera --report other");
     work.refused(&format!("{SMALL} -o other"), Code::OutputExists, &["--overwrite"]);
 }
+
+#[test]
+fn filters_are_compared_with_frames_of_less_noise() {
+    let work = Work::new();
+    let scene = "@plume.vdb --frames 1-3 --views 1 --size 24x24 --density-scale auto --albedo 0.9";
+    work.json(&format!("render {scene} --samples 4 -o few"));
+    work.json(&format!("render {scene} --samples 256 --seed 1 --aov variance -o many"));
+    let words = "study denoise few/frame.####.exr --reference many/frame.####.exr --repeats 1 -o page";
+    let report = work.json(words);
+    let options: Vec<&str> = measurements(&report).iter().map(|m| m["options"].as_str().unwrap()).collect();
+    assert_eq!(options.len(), 8, "{options:?}");
+    assert!(number(&report["reference"], "uncertainty") > 0.0, "told by the layer variance");
+    let fastest = report["recommendations"].as_array().unwrap().iter().find_map(|r| r["command"].as_str()).unwrap();
+    runs(&work, fastest);
+    assert!(work.path("denoised.0002.exr").exists(), "{fastest}");
+    assert_eq!(measurements(&work.json(&format!("{words} --resume"))), measurements(&report));
+    let missing = "study denoise few/frame.####.exr --reference none/frame.####.exr -o other";
+    work.refused(missing, Code::Invalid, &["none"]);
+}

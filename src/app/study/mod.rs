@@ -5,10 +5,12 @@
 //! page are the same for all studies; each one says which candidates there are and how their errors are found.
 
 mod candidate;
+pub mod denoise;
 mod errors;
 mod folder;
 mod front;
 mod measurement;
+mod noise;
 mod options;
 mod page;
 mod recommendation;

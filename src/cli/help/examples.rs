@@ -107,6 +107,13 @@ const TABLE: &[Examples] = &[
     ("report", &["cumulo report page --reference smoke.vdb"]),
     ("schema", &["cumulo schema scene", "cumulo schema diff > diff.schema.json"]),
     (
+        "study denoise",
+        &[
+            "cumulo study denoise 'noisy.####.exr' --reference 'true.####.exr' -o page",
+            "cumulo study denoise 'few.####.exr' 'many.####.exr' --reference 'true.####.exr' --knobs method -o page",
+        ],
+    ),
+    (
         "study render",
         &[
             "cumulo study render smoke.vdb --density-scale auto -o page",

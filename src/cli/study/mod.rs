@@ -1,8 +1,10 @@
 //! `cumulo study`: error against time on the user's own inputs.
 
+mod denoise;
 mod options;
 mod render;
 
+use crate::app::study::denoise::DenoiseStudySettings;
 use crate::app::study::render::RenderStudySettings;
 
 /// Measure the error of settings against their time, on your own inputs, and recommend one
@@ -11,6 +13,9 @@ use crate::app::study::render::RenderStudySettings;
 /// (study.csv), a record (study.json) and the reference, too.
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Study {
+    /// Denoised frames: filter, direction and overlap, of more or fewer samples.
+    #[command(name = "denoise")]
+    Denoise(Box<DenoiseStudySettings>),
     /// Pictures: quadrature, step, early stop and rays a pixel, or paths and scatterings.
     #[command(name = "render")]
     Render(Box<RenderStudySettings>),
