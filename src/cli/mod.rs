@@ -155,6 +155,7 @@ impl Command {
             Self::Report(s) => s,
             Self::Schema(c) => c,
             Self::Study(Study::Denoise(s)) => &**s,
+            Self::Study(Study::Gradient(s)) => &**s,
             Self::Study(Study::Render(s)) => &**s,
             Self::Transfer(s) => s,
             Self::TryGrid(c) => c,

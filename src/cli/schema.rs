@@ -66,6 +66,7 @@ kinds! {
     Render: "render" => app::render::RenderReport;
     Report: "report" => app::report::PageReport;
     StudyDenoise: "study denoise" => app::study::StudyReport;
+    StudyGradient: "study gradient" => app::study::StudyReport;
     StudyRender: "study render" => app::study::StudyReport;
     Transfer: "transfer" => app::function::FunctionReport;
     UsdAuthor: "usd author" => app::usd::author::AuthorReport;

@@ -8,6 +8,7 @@ use crate::app::gradient::{LossName, Wrt};
 use crate::app::reconstruct::refinement::Refined;
 use crate::app::reconstruct::{density, transfer};
 use crate::app::study::denoise::DenoiseKnob;
+use crate::app::study::gradient::GradientKnob;
 use crate::app::study::render::Knob;
 use crate::app::up::UpChoice;
 use crate::differentiate::study::ad_mode::Mode;
@@ -81,6 +82,13 @@ value_enum!(ValueEnum for DenoiseKnob {
     Method: "method", "Way to denoise";
     Direction: "direction", "Frames that a frame learns from, of wrls2";
     Overlap: "overlap", "Frames after a frame that are read to learn from, of wrls2";
+});
+
+value_enum!(ValueEnum for GradientKnob {
+    Adjoint: "adjoint", "How the backward pass gets at its samples";
+    Precision: "precision", "Single and double precision";
+    Quadrature: "quadrature", "Integration along rays";
+    Step: "step", "Step of midpoint and riemann, in voxels";
 });
 
 value_enum!(Choice for Layout {

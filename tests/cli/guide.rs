@@ -70,7 +70,7 @@ const OTHERS: &[&str] = &[
 
 /// Sizes that keep the commands short: subcommand, option, its value, and an option beside which it is not allowed.
 /// A command that has the option itself keeps its value.
-const SIZES: [(&str, &str, &str, Option<&str>); 15] = [
+const SIZES: [(&str, &str, &str, Option<&str>); 17] = [
     ("render", "--size", "32x32", Some("--cameras")),
     ("reconstruct density", "--resolution", "12", Some("--voxel-size")),
     ("reconstruct density", "--iterations", "2", None),
@@ -84,6 +84,8 @@ const SIZES: [(&str, &str, &str, Option<&str>); 15] = [
     ("gradient", "--size", "16x16", Some("--target")),
     ("study render", "--size", "24x24", None),
     ("study render", "--repeats", "1", None),
+    ("study gradient", "--size", "16x16", None),
+    ("study gradient", "--repeats", "1", None),
     ("study denoise", "--repeats", "1", None),
     ("study denoise", "--knobs", "method", None),
 ];
@@ -183,7 +185,7 @@ fn readme() {
 
 #[test]
 fn accuracy_and_cost() {
-    assert!(run("src/guide/accuracy-and-cost.md") >= 11);
+    assert!(run("src/guide/accuracy-and-cost.md") >= 12);
 }
 
 /// Its commands are of a Blender file.

@@ -147,6 +147,21 @@ fn what_no_study_can_do_is_refused() {
 }
 
 #[test]
+fn derivatives_are_compared_with_those_in_double_precision() {
+    let work = Work::new();
+    let words = "study gradient @plume.vdb --density-scale 4 --size 16x16 --repeats 1 -o page";
+    let report = work.json(words);
+    let of = |words: &str| measurements(&report).iter().find(|m| m["options"] == words).unwrap();
+    let single = number(of("--quadrature exact --adjoint tape"), "error");
+    assert!(single > 1e-9 && single < 1e-5, "{single}");
+    assert!(of("--quadrature exact --adjoint tape --check")["error"].is_null());
+    assert!(number(of("--quadrature midpoint:0.25 --adjoint tape"), "error") > 10.0 * single);
+    runs(&work, report["recommended"]["command"].as_str().unwrap());
+    assert_eq!(measurements(&work.json(&format!("{words} --resume"))), measurements(&report));
+    work.refused("study gradient @plume.vdb --knobs samples -o other", Code::Usage, &["adjoint", "precision"]);
+}
+
+#[test]
 fn filters_are_compared_with_frames_of_less_noise() {
     let work = Work::new();
     let scene = "@plume.vdb --frames 1-3 --views 1 --size 24x24 --density-scale auto --albedo 0.9";

@@ -9,6 +9,7 @@ pub mod denoise;
 mod errors;
 mod folder;
 mod front;
+pub mod gradient;
 mod measurement;
 mod noise;
 mod options;

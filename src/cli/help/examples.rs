@@ -114,6 +114,13 @@ const TABLE: &[Examples] = &[
         ],
     ),
     (
+        "study gradient",
+        &[
+            "cumulo study gradient smoke.vdb --density-scale 4 -o page",
+            "cumulo study gradient smoke.vdb --loss l2 --target shots --knobs quadrature,step -o page",
+        ],
+    ),
+    (
         "study render",
         &[
             "cumulo study render smoke.vdb --density-scale auto -o page",

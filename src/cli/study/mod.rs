@@ -1,10 +1,12 @@
 //! `cumulo study`: error against time on the user's own inputs.
 
 mod denoise;
+mod gradient;
 mod options;
 mod render;
 
 use crate::app::study::denoise::DenoiseStudySettings;
+use crate::app::study::gradient::GradientStudySettings;
 use crate::app::study::render::RenderStudySettings;
 
 /// Measure the error of settings against their time, on your own inputs, and recommend one
@@ -16,6 +18,9 @@ pub(crate) enum Study {
     /// Denoised frames: filter, direction and overlap, of more or fewer samples.
     #[command(name = "denoise")]
     Denoise(Box<DenoiseStudySettings>),
+    /// Derivatives: adjoint, precision, quadrature and step.
+    #[command(name = "gradient")]
+    Gradient(Box<GradientStudySettings>),
     /// Pictures: quadrature, step, early stop and rays a pixel, or paths and scatterings.
     #[command(name = "render")]
     Render(Box<RenderStudySettings>),
