@@ -156,6 +156,7 @@ impl Command {
             Self::Schema(c) => c,
             Self::Study(Study::Denoise(s)) => &**s,
             Self::Study(Study::Gradient(s)) => &**s,
+            Self::Study(Study::Reconstruct(s)) => &**s,
             Self::Study(Study::Render(s)) => &**s,
             Self::Transfer(s) => s,
             Self::TryGrid(c) => c,

@@ -67,6 +67,7 @@ kinds! {
     Report: "report" => app::report::PageReport;
     StudyDenoise: "study denoise" => app::study::StudyReport;
     StudyGradient: "study gradient" => app::study::StudyReport;
+    StudyReconstruct: "study reconstruct" => app::study::StudyReport;
     StudyRender: "study render" => app::study::StudyReport;
     Transfer: "transfer" => app::function::FunctionReport;
     UsdAuthor: "usd author" => app::usd::author::AuthorReport;

@@ -9,6 +9,7 @@ use crate::app::reconstruct::refinement::Refined;
 use crate::app::reconstruct::{density, transfer};
 use crate::app::study::denoise::DenoiseKnob;
 use crate::app::study::gradient::GradientKnob;
+use crate::app::study::reconstruct::ReconstructKnob;
 use crate::app::study::render::Knob;
 use crate::app::up::UpChoice;
 use crate::differentiate::study::ad_mode::Mode;
@@ -89,6 +90,14 @@ value_enum!(ValueEnum for GradientKnob {
     Precision: "precision", "Single and double precision";
     Quadrature: "quadrature", "Integration along rays";
     Step: "step", "Step of midpoint and riemann, in voxels";
+});
+
+value_enum!(ValueEnum for ReconstructKnob {
+    Views: "views", "Number of views that are fitted";
+    Resolution: "resolution", "Voxels along the longest edge of the region";
+    Solver: "solver", "How the densities are found";
+    Iterations: "iterations", "Iterations on the finest level, at most";
+    Noise: "noise", "Noise that is added to the pictures";
 });
 
 value_enum!(Choice for Layout {

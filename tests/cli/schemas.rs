@@ -107,6 +107,8 @@ fn documents_of_every_command_are_what_their_schemas_say() {
     ok("study-render", &format!("study render @plume.vdb --size 12x12 {auto} --repeats 1 --knobs quadrature -o study"));
     ok("study-gradient", "study gradient @plume.vdb --size 8x8 --repeats 1 --knobs precision -o slow");
     ok("study-denoise", "study denoise lit.exr --reference other.exr --repeats 1 --knobs method -o filters");
+    ok("render", &format!("render @plume.vdb --views 6 --size 12x12 {auto} -o six"));
+    ok("study-reconstruct", "study reconstruct six --knobs noise --resolution 8 --repeats 1 -o volumes");
     ok("viewpoint", &format!("viewpoint @plume.vdb --size 8x8 {auto} --starts 2 --pictures best -o best.json"));
     ok("pose", "pose cap --volume @plume.vdb --iterations 2 -o posed.json");
     ok("reconstruct-density", "reconstruct density cap -o d.vdb --resolution 8 --iterations 2 --report recon");
@@ -155,6 +157,7 @@ fn documents_of_failures_are_what_their_schemas_say() {
         ("report", "report none"),
         ("study-denoise", "study denoise none.exr --reference none.exr -o page"),
         ("study-gradient", "study gradient none.vdb -o page"),
+        ("study-reconstruct", "study reconstruct none -o page"),
         ("study-render", "study render none.vdb -o page"),
         ("transfer", "transfer none.tf.json"),
         ("usd-author", "usd author bad.vdb -o out.usda"),

@@ -179,3 +179,18 @@ fn filters_are_compared_with_frames_of_less_noise() {
     let missing = "study denoise few/frame.####.exr --reference none/frame.####.exr -o other";
     work.refused(missing, Code::Invalid, &["none"]);
 }
+
+#[test]
+fn reconstructions_are_compared_by_views_that_they_are_not_fitted_to() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 8 --size 24x24 --density-scale auto -o shots");
+    let words = "study reconstruct shots --knobs noise,iterations --resolution 12 --repeats 1 -o page";
+    let report = work.json(words);
+    let error = |words: &str| number(measurements(&report).iter().find(|m| m["options"] == words).unwrap(), "error");
+    assert_eq!(measurements(&report).len(), 9);
+    assert!(error("views_6 --resolution 12") < error("views_6_noise_0.05 --resolution 12"));
+    runs(&work, measurements(&report)[0]["command"].as_str().unwrap());
+    assert!(work.path("found.vdb").exists());
+    assert_eq!(measurements(&work.json(&format!("{words} --resume"))), measurements(&report));
+    work.refused("study reconstruct shots --knobs steps -o other", Code::Usage, &["resolution", "noise"]);
+}

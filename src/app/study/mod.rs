@@ -15,6 +15,7 @@ mod noise;
 mod options;
 mod page;
 mod recommendation;
+pub mod reconstruct;
 mod reference;
 pub mod render;
 mod report;

@@ -121,6 +121,13 @@ const TABLE: &[Examples] = &[
         ],
     ),
     (
+        "study reconstruct",
+        &[
+            "cumulo study reconstruct shots -o page",
+            "cumulo study reconstruct shots --knobs noise,iterations --resolution 32 -o page",
+        ],
+    ),
+    (
         "study render",
         &[
             "cumulo study render smoke.vdb --density-scale auto -o page",

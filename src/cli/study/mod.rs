@@ -3,10 +3,12 @@
 mod denoise;
 mod gradient;
 mod options;
+mod reconstruct;
 mod render;
 
 use crate::app::study::denoise::DenoiseStudySettings;
 use crate::app::study::gradient::GradientStudySettings;
+use crate::app::study::reconstruct::ReconstructStudySettings;
 use crate::app::study::render::RenderStudySettings;
 
 /// Measure the error of settings against their time, on your own inputs, and recommend one
@@ -21,6 +23,9 @@ pub(crate) enum Study {
     /// Derivatives: adjoint, precision, quadrature and step.
     #[command(name = "gradient")]
     Gradient(Box<GradientStudySettings>),
+    /// Densities from pictures: views, resolution, solver, iterations and noise.
+    #[command(name = "reconstruct")]
+    Reconstruct(Box<ReconstructStudySettings>),
     /// Pictures: quadrature, step, early stop and rays a pixel, or paths and scatterings.
     #[command(name = "render")]
     Render(Box<RenderStudySettings>),
