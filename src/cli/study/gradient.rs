@@ -36,7 +36,12 @@ struct GradientStudyArgs {
     #[arg(long, value_name = "CAPTURE")]
     target: Option<PathBuf>,
     /// Place this many cameras around the volume (default: 1 without --target)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "target")]
+    #[arg(
+        long,
+        value_name = "N",
+        conflicts_with = "target",
+        value_parser = clap::value_parser!(u32).range(1..=100_000),
+    )]
     views: Option<u32>,
     /// Axis that points upwards, about which --views are placed
     #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto, conflicts_with = "target")]

@@ -17,16 +17,8 @@ use crate::app::study::render::RenderStudySettings;
 /// (study.csv), a record (study.json) and the reference, too.
 #[derive(Debug, clap::Subcommand)]
 pub(crate) enum Study {
-    /// Denoised frames: filter, direction and overlap, of more or fewer samples.
-    #[command(name = "denoise")]
     Denoise(Box<DenoiseStudySettings>),
-    /// Derivatives: adjoint, precision, quadrature and step.
-    #[command(name = "gradient")]
     Gradient(Box<GradientStudySettings>),
-    /// Densities from pictures: views, resolution, solver, iterations and noise.
-    #[command(name = "reconstruct")]
     Reconstruct(Box<ReconstructStudySettings>),
-    /// Pictures: quadrature, step, early stop and rays a pixel, or paths and scatterings.
-    #[command(name = "render")]
     Render(Box<RenderStudySettings>),
 }

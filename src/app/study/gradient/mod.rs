@@ -140,8 +140,8 @@ impl GradientStudySettings {
         session.finish(report, None)
     }
 
-    /// Makes pictures smaller where the time asks for it, or as large as in an earlier run, and returns the seconds that
-    /// a round of runs takes.
+    /// Makes pictures smaller where the time asks for it, or as large as in an earlier run, and returns the seconds
+    /// that a round of runs takes.
     fn resize<V: Subject>(
         &self,
         study: &mut Study<V>,

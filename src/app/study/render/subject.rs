@@ -109,7 +109,8 @@ impl Prepared {
     }
 
     /// Renders all views by these settings, and returns the pictures with the seconds that it took, the preparation of
-    /// the renderer included; `None` if it was stopped. `tolerance` is that of exact quadrature, none for the usual one.
+    /// the renderer included; `None` if it was stopped. `tolerance` is that of exact quadrature, none for the usual
+    /// one.
     ///
     /// # Errors
     /// If a medium or a light cannot be used.
