@@ -46,6 +46,7 @@ pub mod run;
 pub mod selftest;
 pub mod sequence;
 pub mod statistics;
+pub mod study;
 pub(crate) mod task;
 pub mod transfer;
 pub mod up;

@@ -28,6 +28,7 @@ mod report;
 mod run;
 mod schema;
 mod selftest;
+mod study;
 mod transfer;
 mod try_grid;
 mod usd;
@@ -65,6 +66,7 @@ use run::Run;
 use std::ffi::{OsStr, OsString};
 use std::io::Write;
 use std::process::ExitCode;
+use study::Study;
 use usd::UsdCommand;
 
 /// Volumes between OpenVDB, Blender, USD and EXR: inspect, render, compare and reconstruct.
@@ -122,6 +124,8 @@ enum Command {
     Report(PageSettings),
     Schema(schema::Schema),
     Selftest(SelftestSettings),
+    #[command(subcommand)]
+    Study(Study),
     Transfer(FunctionSettings),
     #[command(name = crate::formats::vdb::helper::SUBCOMMAND, hide = true)]
     TryGrid(try_grid::TryGrid),
@@ -154,6 +158,10 @@ impl Command {
             Self::Report(s) => s,
             Self::Schema(c) => c,
             Self::Selftest(s) => s,
+            Self::Study(Study::Denoise(s)) => &**s,
+            Self::Study(Study::Gradient(s)) => &**s,
+            Self::Study(Study::Reconstruct(s)) => &**s,
+            Self::Study(Study::Render(s)) => &**s,
             Self::Transfer(s) => s,
             Self::TryGrid(c) => c,
             Self::Usd(UsdCommand::Author(s)) => &**s,

@@ -66,6 +66,10 @@ kinds! {
     Render: "render" => app::render::RenderReport;
     Report: "report" => app::report::PageReport;
     Selftest: "selftest" => app::selftest::SelftestReport;
+    StudyDenoise: "study denoise" => app::study::StudyReport;
+    StudyGradient: "study gradient" => app::study::StudyReport;
+    StudyReconstruct: "study reconstruct" => app::study::StudyReport;
+    StudyRender: "study render" => app::study::StudyReport;
     Transfer: "transfer" => app::function::FunctionReport;
     UsdAuthor: "usd author" => app::usd::author::AuthorReport;
     UsdLint: "usd lint" => app::usd::lint::LintReport;

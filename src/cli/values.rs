@@ -7,6 +7,10 @@ use crate::app::denoise::{Cuts, Direction, Filter, Guide};
 use crate::app::gradient::{LossName, Wrt};
 use crate::app::reconstruct::refinement::Refined;
 use crate::app::reconstruct::{density, transfer};
+use crate::app::study::denoise::DenoiseKnob;
+use crate::app::study::gradient::GradientKnob;
+use crate::app::study::reconstruct::ReconstructKnob;
+use crate::app::study::render::Knob;
 use crate::app::up::UpChoice;
 use crate::differentiate::study::ad_mode::Mode;
 use crate::formats::imaging::options::Axes;
@@ -63,6 +67,37 @@ value_enum!(Choice for Aov {
                        tracing)";
     Samples: "samples", "Number of paths: Debug Sample Count.X (path tracing)";
     Halves: "halves", "Radiance of two independent halves of the paths: half_a.R, …, half_b.B (path tracing)";
+});
+
+value_enum!(ValueEnum for Knob {
+    Quadrature: "quadrature", "Integration along straight rays";
+    Step: "step", "Step of midpoint and riemann, in voxels";
+    EarlyStop: "early-stop", "Transmittance at which straight rays end";
+    Supersample: "supersample", "Straight rays along each edge of a pixel";
+    Samples: "samples", "Paths per pixel";
+    MaxBounces: "max-bounces", "Most scatterings along a path";
+    Clamp: "clamp", "Most radiance that is scattered to a path";
+});
+
+value_enum!(ValueEnum for DenoiseKnob {
+    Method: "method", "Way to denoise";
+    Direction: "direction", "Frames that a frame learns from, of wrls2";
+    Overlap: "overlap", "Frames after a frame that are read to learn from, of wrls2";
+});
+
+value_enum!(ValueEnum for GradientKnob {
+    Adjoint: "adjoint", "How the backward pass gets at its samples";
+    Precision: "precision", "Single and double precision";
+    Quadrature: "quadrature", "Integration along rays";
+    Step: "step", "Step of midpoint and riemann, in voxels";
+});
+
+value_enum!(ValueEnum for ReconstructKnob {
+    Views: "views", "Number of views that are fitted";
+    Resolution: "resolution", "Voxels along the longest edge of the region";
+    Solver: "solver", "How the densities are found";
+    Iterations: "iterations", "Iterations on the finest level, at most";
+    Noise: "noise", "Noise that is added to the pictures";
 });
 
 value_enum!(Choice for Layout {

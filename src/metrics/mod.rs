@@ -7,6 +7,7 @@ pub mod error;
 pub mod flicker;
 pub mod flip;
 pub mod heatmap;
+pub mod interval;
 pub(crate) mod ssim;
 pub mod statistical;
 pub mod volume;

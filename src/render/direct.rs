@@ -59,6 +59,16 @@ impl<'a> DirectRenderer<'a> {
         }
     }
 
+    /// Allows exact quadrature this radiance error a piece, in units of the brightest color; pre-shaded volumes have a
+    /// quadrature of their own, which stays as it is.
+    #[must_use]
+    pub fn tolerance(self, tolerance: f64) -> Self {
+        match self {
+            Self::Density(light) => Self::Density(light.with(|dvr| dvr.tolerance(tolerance))),
+            Self::PreShaded(_) => self,
+        }
+    }
+
     /// Returns a bound of the change that ending rays early makes in any channel of a pixel.
     pub fn left_out(&self) -> f64 {
         match self {

@@ -5,10 +5,12 @@
 //! scripts it shows the same pictures at rest. Every text is escaped, because names come from files.
 
 mod browse;
+mod error_maps;
 mod histogram;
 pub(crate) mod number;
 mod picture;
 mod plot;
+mod scatter;
 mod script;
 pub(crate) mod sheet;
 mod slices;
@@ -20,8 +22,10 @@ mod views;
 mod wipe;
 
 pub use browse::{CompanionVolume, MOST_SLICES};
+pub(crate) use error_maps::ErrorMaps;
 pub(crate) use number::short;
 pub use plot::{Plot, Series};
+pub(crate) use scatter::{Cloud, Dot, Scatter};
 pub(crate) use sphere::{SphereMap, Walk};
 pub(crate) use strip::StripFrame;
 pub(crate) use thumbnails::MOST_THUMBNAILS;
@@ -179,6 +183,32 @@ impl Page {
         Ok(self.section(heading, body))
     }
 
+    /// Adds a plot of points with intervals over logarithmic axes.
+    ///
+    /// # Errors
+    /// If the plot cannot be drawn.
+    pub(crate) fn scatter(&mut self, heading: &str, scatter: &Scatter) -> Result<&mut Self> {
+        let body = scatter.draw()?;
+        Ok(self.section(heading, body))
+    }
+
+    /// Adds pictures beside their differences from a reference.
+    ///
+    /// # Errors
+    /// If a picture has no pixels.
+    pub(crate) fn error_maps(&mut self, heading: &str, maps: &ErrorMaps<'_>) -> Result<&mut Self> {
+        let body = maps.draw()?;
+        Ok(self.section(heading, body))
+    }
+
+    /// Adds lines to be copied, each with what it is for; no section if there are none.
+    pub(crate) fn commands(&mut self, heading: &str, lines: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
+        match lines.is_empty() {
+            true => self,
+            false => self.section(heading, code_table(lines)),
+        }
+    }
+
     /// Adds a map of paths over a sphere of directions.
     ///
     /// # Errors
@@ -215,22 +245,13 @@ impl Page {
 
     /// Adds a table of figures. `columns` are the headings; each row begins with its name.
     pub fn table(&mut self, heading: &str, columns: &[&str], rows: &[Vec<String>]) -> &mut Self {
-        let body = html! {
-            div.wide {
-                table.figures {
-                    thead { tr { @for column in columns { th scope="col" { (column) } } } }
-                    tbody {
-                        @for row in rows {
-                            tr {
-                                @for (i, cell) in row.iter().enumerate() {
-                                    @if i == 0 { th scope="row" { (cell) } } @else { td { (cell) } }
-                                }
-                            }
-                        }
-                    }
-                }
-            }
-        };
+        let body = figures("figures", columns, rows);
+        self.section(heading, body)
+    }
+
+    /// Adds a table of figures as [`Self::table`] does, whose cells are not broken into lines.
+    pub(crate) fn wide_table(&mut self, heading: &str, columns: &[&str], rows: &[Vec<String>]) -> &mut Self {
+        let body = figures("figures unbroken", columns, rows);
         self.section(heading, body)
     }
 
@@ -242,16 +263,7 @@ impl Page {
 
     /// Adds the origin of the result: version, command line, inputs and their hashes, settings.
     pub fn provenance(&mut self, entries: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
-        let body = html! {
-            table.provenance {
-                tbody {
-                    @for (key, value) in entries {
-                        tr { th scope="row" { (key.as_ref()) } td { code { (value.as_ref()) } } }
-                    }
-                }
-            }
-        };
-        self.section("Provenance", body)
+        self.section("Provenance", code_table(entries))
     }
 
     fn section(&mut self, heading: &str, body: Markup) -> &mut Self {
@@ -301,5 +313,50 @@ impl Page {
         let path = dir.join(FILE_NAME);
         atomic::write_bytes(&path, self.html().as_bytes())?;
         Ok(path)
+    }
+}
+
+/// Table of figures; each row begins with its name.
+fn figures(class: &str, columns: &[&str], rows: &[Vec<String>]) -> Markup {
+    html! {
+        div.wide {
+            table class=(class) {
+                thead { tr { @for column in columns { th scope="col" { (column) } } } }
+                tbody {
+                    @for row in rows {
+                        tr {
+                            @for (i, cell) in row.iter().enumerate() {
+                                @if i == 0 { th scope="row" { (cell) } } @else { td { (cell) } }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Table of values to be copied, each with its name.
+fn code_table(entries: &[(impl AsRef<str>, impl AsRef<str>)]) -> Markup {
+    html! {
+        table.provenance {
+            tbody {
+                @for (key, value) in entries {
+                    tr { th scope="row" { (key.as_ref()) } td { (code(value.as_ref())) } }
+                }
+            }
+        }
+    }
+}
+
+/// Text to be copied, which is broken into lines between the options of a command line, if it is one.
+fn code(text: &str) -> Markup {
+    let options = text.split(" --").enumerate();
+    html! {
+        code {
+            @for (i, option) in options {
+                @if i > 0 { " " span { "--" (option) } } @else { span { (option) } }
+            }
+        }
     }
 }

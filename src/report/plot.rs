@@ -8,21 +8,21 @@ use std::fmt::Write;
 use std::ops::Range;
 
 /// A plot's width and height, and its labels along x; the page scales it to its own width.
-struct Canvas {
-    size: (u32, u32),
-    labels: usize,
+pub(super) struct Canvas {
+    pub(super) size: (u32, u32),
+    pub(super) labels: usize,
 }
 
 /// Canvas of windows as wide as a screen, and that of narrow ones, where text of the other would be too small to read.
-const WIDE: Canvas = Canvas { size: (900, 380), labels: 10 };
-const NARROW: Canvas = Canvas { size: (400, 320), labels: 5 };
+pub(super) const WIDE: Canvas = Canvas { size: (900, 380), labels: 10 };
+pub(super) const NARROW: Canvas = Canvas { size: (400, 320), labels: 5 };
 
 /// Length of a dash of a dashed line, and of the gap behind it, in the units of the drawing.
-const DASH: (u32, u32) = (7, 5);
+pub(super) const DASH: (u32, u32) = (7, 5);
 
 /// Colors of text and axes (`INK`) and of grid lines (`GRID`), on a light page and on a dark one.
-const INK: (RGBColor, &str) = (RGBColor(0x1B, 0x1E, 0x23), "#e6e8eb");
-const GRID: (RGBColor, &str) = (RGBColor(0xD9, 0xDC, 0xE1), "#3a3f47");
+pub(super) const INK: (RGBColor, &str) = (RGBColor(0x1B, 0x1E, 0x23), "#e6e8eb");
+pub(super) const GRID: (RGBColor, &str) = (RGBColor(0xD9, 0xDC, 0xE1), "#3a3f47");
 
 /// Colors of the series, on a light page and on a dark one. Each has a contrast of at least 3:1 against its page, and
 /// neighbours differ in lightness too.

@@ -71,7 +71,7 @@ const OTHERS: &[&str] = &[
 
 /// Sizes that keep the commands short: subcommand, option, its value, and an option beside which it is not allowed.
 /// A command that has the option itself keeps its value.
-const SIZES: [(&str, &str, &str, Option<&str>); 11] = [
+const SIZES: [(&str, &str, &str, Option<&str>); 18] = [
     ("render", "--size", "32x32", Some("--cameras")),
     ("reconstruct density", "--resolution", "12", Some("--voxel-size")),
     ("reconstruct density", "--iterations", "2", None),
@@ -83,6 +83,13 @@ const SIZES: [(&str, &str, &str, Option<&str>); 11] = [
     ("viewpoint", "--iterations", "2", None),
     ("pose", "--iterations", "2", None),
     ("gradient", "--size", "16x16", Some("--target")),
+    ("study render", "--size", "24x24", None),
+    ("study render", "--repeats", "1", None),
+    ("study gradient", "--size", "16x16", None),
+    ("study gradient", "--repeats", "1", None),
+    ("study reconstruct", "--repeats", "1", None),
+    ("study denoise", "--repeats", "1", None),
+    ("study denoise", "--knobs", "method", None),
 ];
 
 /// A fenced block: the words behind the backticks, and its lines.
@@ -180,7 +187,7 @@ fn readme() {
 
 #[test]
 fn accuracy_and_cost() {
-    assert!(run("src/guide/accuracy-and-cost.md") >= 5);
+    assert!(run("src/guide/accuracy-and-cost.md") >= 14);
 }
 
 /// Its commands are of a Blender file.

@@ -46,6 +46,7 @@ mod sequence;
 mod sequences;
 mod shell;
 mod statistical;
+mod study;
 mod through_transfer;
 mod transfer;
 mod transfer_names;

@@ -104,6 +104,11 @@ fn documents_of_every_command_are_what_their_schemas_say() {
     ok("plan", "plan @plume.vdb --albedo 0.9 --sky 0.1");
     ok("gradient", "gradient @plume.vdb --views 1 --size 8x8 --loss mean --wrt camera --check");
     ok("gradient", "gradient @plume.vdb --wrt density --loss l2 --target cap -o slopes.vdb --report grad");
+    ok("study-render", &format!("study render @plume.vdb --size 12x12 {auto} --repeats 1 --knobs quadrature -o study"));
+    ok("study-gradient", "study gradient @plume.vdb --size 8x8 --repeats 1 --knobs precision -o slow");
+    ok("study-denoise", "study denoise lit.exr --reference other.exr --repeats 1 --knobs method -o filters");
+    ok("render", &format!("render @plume.vdb --views 6 --size 12x12 {auto} -o six"));
+    ok("study-reconstruct", "study reconstruct six --knobs noise --resolution 8 --repeats 1 -o volumes");
     ok("viewpoint", &format!("viewpoint @plume.vdb --size 8x8 {auto} --starts 2 --pictures best -o best.json"));
     ok("pose", "pose cap --volume @plume.vdb --iterations 2 -o posed.json");
     ok("reconstruct-density", "reconstruct density cap -o d.vdb --resolution 8 --iterations 2 --report recon");
@@ -152,6 +157,10 @@ fn documents_of_failures_are_what_their_schemas_say() {
         ("render", "render @plume.vdb --views 1 --grid none -o out"),
         ("report", "report none"),
         ("selftest", "selftest none"),
+        ("study-denoise", "study denoise none.exr --reference none.exr -o page"),
+        ("study-gradient", "study gradient none.vdb -o page"),
+        ("study-reconstruct", "study reconstruct none -o page"),
+        ("study-render", "study render none.vdb -o page"),
         ("transfer", "transfer none.tf.json"),
         ("usd-author", "usd author bad.vdb -o out.usda"),
         ("usd-lint", "usd lint none.usda"),

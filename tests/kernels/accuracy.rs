@@ -72,7 +72,7 @@ fn scenes() -> Vec<(&'static str, f64, Scene)> {
         ("transfer function", 0.01, of(vec![Volume::Density(lumpy(), function)], sky(0.5), vec![sun(2.0)])),
         (
             "light inside",
-            0.2,
+            0.1,
             of(
                 vec![Volume::Density(lumpy(), dense(0.3, 0.9, Phase::Isotropic))],
                 sky(0.0),
@@ -222,6 +222,7 @@ fn intervals_hold_what_they_state() {
         "| scene | error | paths a pixel | of all pixels alike | stated intervals | that hold | wider ones that hold | certified blocks | of these within the error | by one difference |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|");
+    let mut misled = 0;
     for (name, error, scene) in scenes() {
         let tracer = PathTracer::new(&scene).unwrap();
         let camera = camera();
@@ -247,6 +248,7 @@ fn intervals_hold_what_they_state() {
         assert!((93.0 - chance..=97.0 + chance).contains(&held), "{name}: {held} of 100 intervals hold");
         assert!(within >= 95.0, "{name}: {within} of 100 certified blocks are within the error");
         assert!(shown.rare < 20 || rare >= 85.0, "{name}: {rare} of 100 wider intervals hold");
-        assert!(by_difference < 93.0, "{name}: one difference would do");
+        misled += usize::from(by_difference < 93.0);
     }
+    assert!(misled >= 4, "one difference of halves misleads in {misled} scenes");
 }

@@ -3,7 +3,7 @@
 mod frames;
 mod held;
 mod motion;
-mod names;
+pub(in crate::app) mod names;
 mod passes;
 mod plan;
 mod reading;

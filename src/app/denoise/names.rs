@@ -9,7 +9,7 @@ const PLACE: &str = "give a name with the number's place, in quotes: 'frame.####
 
 /// Names of pictures.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Names {
+pub(in crate::app) enum Names {
     /// Pictures whose names differ in a number.
     Sequence(Pattern),
     /// One picture, and its number: that of its name, by which cameras are found, else 1.

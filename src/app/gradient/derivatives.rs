@@ -46,6 +46,16 @@ impl GradientSettings {
         (0..=last).filter(named).collect()
     }
 
+    /// Differentiates by all that the settings name, without a report.
+    ///
+    /// # Errors
+    /// If forward mode is requested for too many parameters, or the volume cannot be rendered.
+    pub(in crate::app) fn gradient<V: Subject>(&self, study: &Study<V>) -> Result<StudyGradient> {
+        let (parameters, channels) = (self.parameters(study), self.channels::<V>());
+        let count = parameters.len() + channels.len() * study.voxels();
+        study.gradient(self.plan(study, count, &channels)?.mode, &parameters, &channels)
+    }
+
     /// Differentiates by all that the settings name; the report lists the parameters and the largest derivatives by
     /// voxel.
     pub(super) fn differentiate<V: Subject>(

@@ -4,7 +4,7 @@ mod check;
 mod derivatives;
 mod page;
 mod report;
-mod scene;
+pub(in crate::app) mod scene;
 mod settings;
 mod voxels;
 

@@ -24,7 +24,7 @@ use crate::scene::volume::{Grids, scale};
 
 /// Target, model, transfer function and cameras that go with the voxels.
 #[derive(Debug)]
-pub(super) struct Setup {
+pub(in crate::app) struct Setup {
     target: Option<Capture>,
     model: Option<Model>,
     transfer: Option<Transfer>,
@@ -35,7 +35,7 @@ pub(super) struct Setup {
 
 impl GradientSettings {
     /// Reads the volume, and takes what goes with it from the settings and, where they are silent, from the target.
-    pub(super) fn scene(&self) -> Result<(Grids, Setup)> {
+    pub(in crate::app) fn scene(&self) -> Result<(Grids, Setup)> {
         let target = self.target.as_deref().map(captures::load).transpose()?;
         let emits = self.transfer.tf.is_some() || self.emission.is_some();
         let model = self.model.or(emits.then_some(Model::EmissionAbsorption)).or(target.as_ref().map(|c| c.model));
@@ -113,7 +113,7 @@ impl GradientSettings {
     }
 
     /// Returns scene and loss, with warnings about pictures that contradict the model.
-    pub(super) fn study<V: Subject>(
+    pub(in crate::app) fn study<V: Subject>(
         &self,
         field: Bricks<V>,
         setup: Setup,
@@ -221,7 +221,7 @@ impl GradientSettings {
 }
 
 /// Converts a study to double precision.
-pub(super) fn in_double<V: Subject>(study: Study<V>) -> Study<V::Double> {
+pub(in crate::app) fn in_double<V: Subject>(study: Study<V>) -> Study<V::Double> {
     let Study { field, setting, loss, priors, units, targets, rays_per_edge } = study;
     let Bricks { topology, values, transform, domain } = field;
     let values = values.into_iter().map(Subject::double).collect();

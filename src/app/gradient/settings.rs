@@ -180,7 +180,7 @@ impl GradientSettings {
     }
 
     /// Refuses settings that contradict each other, before anything is read.
-    pub(super) fn fits_together(&self) -> Result<()> {
+    pub(in crate::app) fn fits_together(&self) -> Result<()> {
         let by = |w: Wrt| self.wrt.contains(&w);
         let inverts = self.adjoint == Some(Adjoint::Inversion);
         if self.quadrature.is_preintegrated() && self.check {

@@ -108,6 +108,34 @@ const TABLE: &[Examples] = &[
     ("schema", &["cumulo schema scene", "cumulo schema diff > diff.schema.json"]),
     ("selftest", &["cumulo selftest", "cumulo selftest dvr thin-free-paths       # an area and a case"]),
     (
+        "study denoise",
+        &[
+            "cumulo study denoise 'noisy.####.exr' --reference 'true.####.exr' -o page",
+            "cumulo study denoise 'few.####.exr' 'many.####.exr' --reference 'true.####.exr' --knobs method -o page",
+        ],
+    ),
+    (
+        "study gradient",
+        &[
+            "cumulo study gradient smoke.vdb --density-scale 4 -o page",
+            "cumulo study gradient smoke.vdb --loss l2 --target shots --knobs quadrature,step -o page",
+        ],
+    ),
+    (
+        "study reconstruct",
+        &[
+            "cumulo study reconstruct shots -o page",
+            "cumulo study reconstruct shots --knobs noise,iterations --resolution 32 -o page",
+        ],
+    ),
+    (
+        "study render",
+        &[
+            "cumulo study render smoke.vdb --density-scale auto -o page",
+            "cumulo study render smoke.vdb --albedo 0.9 --sun 1,1,2 --knobs samples --wanted-error 0.05 -o page",
+        ],
+    ),
+    (
         "transfer",
         &[
             "cumulo transfer preset.json -o warm.tf.json",

@@ -129,6 +129,11 @@ const TABLE: [(&str, &[&str]); 10] = [
             "bounds",
             "largest",
             "voxels",
+            "knobs",
+            "repeats",
+            "budget",
+            "wanted_error",
+            "wanted_seconds",
         ],
     ),
     (
