@@ -134,7 +134,7 @@ impl SelftestSettings {
     /// If a name is that of no case and no area, or the work was stopped.
     pub fn run(&self, context: &Context) -> Result<SelftestReport> {
         let begun = Instant::now();
-        let chosen = self.chosen()?;
+        let chosen = self.selected()?;
         let stage = context.steps(chosen.len() as u64, "selftest");
         let cancel = context.cancel();
         let measured = chosen.par_iter().map(|case| {
@@ -158,7 +158,7 @@ impl SelftestSettings {
     }
 
     /// Returns the cases that are named, in their usual order.
-    fn chosen(&self) -> Result<Vec<&'static Case>> {
+    fn selected(&self) -> Result<Vec<&'static Case>> {
         let named = |name: &String, case: &Case| *name == case.name || *name == case.area.name();
         if let Some(unknown) = self.cases.iter().find(|name| !cases().any(|case| named(name, case))) {
             let areas = Area::ALL.map(Area::name).join(", ");

@@ -50,7 +50,7 @@ impl Scatter {
     /// # Errors
     /// If the plot cannot be drawn.
     pub(super) fn draw(&self) -> Result<Markup> {
-        let dots = || self.clouds.iter().flat_map(|cloud| &cloud.dots).filter(|dot| shown(dot));
+        let dots = || self.clouds.iter().flat_map(|cloud| &cloud.dots).filter(|dot| is_plottable(dot));
         let (Some(x), Some(y)) = (decades(dots().map(|dot| dot.x)), decades(self.heights())) else {
             return Ok(html! { p { "There are no points to plot." } });
         };
@@ -82,7 +82,7 @@ impl Scatter {
 
     /// Heights that are drawn.
     fn heights(&self) -> impl Iterator<Item = f64> {
-        let dots = self.clouds.iter().flat_map(|cloud| &cloud.dots).filter(|dot| shown(dot));
+        let dots = self.clouds.iter().flat_map(|cloud| &cloud.dots).filter(|dot| is_plottable(dot));
         dots.map(|dot| dot.y).chain(Some(self.floor.1).filter(|y| *y > 0.0))
     }
 
@@ -122,7 +122,7 @@ impl Scatter {
         let within = |[a, b]: [f64; 2], range: &Range<f64>| [a, b].map(|v| v.clamp(range.start, range.end));
         for (i, cloud) in self.clouds.iter().enumerate() {
             let color = PALETTE[i % PALETTE.len()].0;
-            for dot in cloud.dots.iter().filter(|dot| shown(dot)) {
+            for dot in cloud.dots.iter().filter(|dot| is_plottable(dot)) {
                 let horizontal = dot.x_range.map(|ends| within(ends, &x).map(|x| (x, dot.y)));
                 let vertical = dot.y_range.map(|ends| within(ends, &y).map(|y| (dot.x, y)));
                 let whiskers = [horizontal, vertical].into_iter().flatten();
@@ -137,7 +137,7 @@ impl Scatter {
     }
 }
 
-fn shown(dot: &Dot) -> bool {
+fn is_plottable(dot: &Dot) -> bool {
     [dot.x, dot.y].iter().all(|v| v.is_finite() && *v > 0.0)
 }
 

@@ -252,3 +252,32 @@ fn intervals_hold_what_they_state() {
     }
     assert!(misled >= 4, "one difference of halves misleads in {misled} scenes");
 }
+
+/// The variance of noisy paths falls with their number, and faster where the integrand is smooth: of a medium that only
+/// absorbs, a pixel's rays differ by their place alone.
+#[test]
+fn errors_fall_as_theory_says() {
+    let absorbing = |albedo| Volume::Density(field(20, unit(), lumps(20)), dense(0.5, albedo, Phase::Isotropic));
+    let scene = |albedo, lights| Scene {
+        volumes: vec![absorbing(albedo)],
+        environment: Environment::constant([0.5; 3]),
+        lights,
+        ..Scene::default()
+    };
+    let order = |scene: &Scene| {
+        let tracer = PathTracer::new(scene).unwrap();
+        let variance = |paths: u32| {
+            let mut made = Replicates::new([SIZE as usize; 2], &[]);
+            for number in 0..32 {
+                let rays = vec![Some(Sampling::random(paths, number)); Blocks::new(made.size()).count()];
+                assert!(made.add(&tracer, View::from(&camera()), &rays, &Cancel::NEVER));
+            }
+            made.sums().iter().map(|sums| sums.variance()[0]).sum::<f64>()
+        };
+        (variance(4) / variance(64)).log2() / 4.0
+    };
+    let (noisy, smooth) = (order(&scene(0.9, vec![sun(2.0)])), order(&scene(0.0, vec![])));
+    println!("the variance falls with the number of paths to the power of {noisy:.2}, {smooth:.2} where it is smooth");
+    assert!((0.9..1.2).contains(&noisy), "{noisy}");
+    assert!(smooth > 1.3, "{smooth}");
+}

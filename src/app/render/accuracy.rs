@@ -21,7 +21,8 @@ use std::time::{Duration, Instant};
 /// Settings of pictures whose error is stated: of path-traced ones, in place of a number of paths.
 ///
 /// An error is half the width of an interval that holds the expected mean radiance of a block of 8 x 8 pixels, the
-/// largest of red, green and blue, divided by the scale of the picture, [`scale`](crate::render::accuracy::interval::scale).
+/// largest of red, green and blue, divided by the scale of the picture,
+/// [`scale`](crate::render::accuracy::interval::scale).
 /// A dark block has the same absolute error as a bright one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default)]

@@ -23,8 +23,8 @@ struct Block {
 }
 
 impl Block {
-    /// Returns the paths per pixel at which half the width of no channel's interval is larger than `error` by the scale;
-    /// `z` is the normal quantile of the confidence.
+    /// Returns the paths per pixel at which half the width of no channel's interval is larger than `error` by the
+    /// scale; `z` is the normal quantile of the confidence.
     fn needed(&self, error: f64, scale: f64, z: f64) -> u32 {
         let most = self.variances.iter().map(|v| self.paths * times(v, error * scale, z)).fold(0.0, f64::max);
         // Light that nobody has met may be left unseen where it is too faint to matter.
@@ -119,8 +119,8 @@ impl Demand {
         self.blocks.iter().zip(paths).map(|(block, paths)| block.seconds * f64::from(*paths)).sum()
     }
 
-    /// Returns the smallest error that takes no more than these thread seconds, to half a per cent of it; 0 if there is no
-    /// noise, infinite if the fewest paths take longer.
+    /// Returns the smallest error that takes no more than these thread seconds, to half a per cent of it; 0 if there is
+    /// no noise, infinite if the fewest paths take longer.
     pub fn error_in(&self, seconds: f64) -> f64 {
         let fits = |error: f64| self.seconds(&self.paths(error)) <= seconds;
         if fits(0.0) {
@@ -174,5 +174,35 @@ impl Deal {
             (count > 0).then(|| sampling(count))
         };
         self.paths.iter().map(of).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Replicates have the paths that are dealt out, or a few more; blocks of few paths are in that many of them.
+    #[test]
+    fn all_paths_are_dealt_out() {
+        let deal = Deal::new(vec![8, 9, 16, 100, 1000], 16);
+        let mut dealt = [0; 5];
+        for number in 0..deal.replicates() {
+            let rays = deal.replicate(number, |paths| Sampling::random(paths, 0));
+            dealt.iter_mut().zip(rays).for_each(|(sum, rays)| *sum += rays.map_or(0, |rays| rays.samples()));
+        }
+        assert_eq!(dealt[..3], [8, 9, 16]);
+        assert!((100..=130).contains(&dealt[3]) && (1000..=1130).contains(&dealt[4]), "{dealt:?}");
+    }
+
+    /// Of normal noise an interval half as wide takes four times the paths; of one rare event more at first.
+    #[test]
+    fn narrow_intervals_take_many_paths() {
+        let normal = Variance { variance: 1.0, freedom: 400.0, largest: 0.02 };
+        let (wide, narrow) = (times(&normal, 0.02, 1.96), times(&normal, 0.01, 1.96));
+        assert!((narrow / wide - 4.0).abs() < 0.1, "{wide} {narrow}");
+        assert!((wide / (1.96_f64 / 0.02).powi(2) - 1.0).abs() < 0.4, "{wide}");
+        let rare = Variance { freedom: 7.0, largest: 0.9, ..normal };
+        assert!(times(&rare, 1.0, 1.96) > 2.0 * times(&normal, 1.0, 1.96));
+        assert_eq!(times(&Variance::default(), 0.1, 1.96), 0.0);
     }
 }

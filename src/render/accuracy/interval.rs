@@ -159,7 +159,8 @@ impl Intervals {
         if width == 0.0 { 0.0 } else { width / self.scale }
     }
 
-    /// Returns why a block is not known to be within an error by the scale; without one, why no interval of it is stated.
+    /// Returns why a block is not known to be within an error by the scale; without one, why no interval of it is
+    /// stated.
     pub fn doubt(&self, block: usize, error: Option<f64>) -> Option<Doubt> {
         match error {
             Some(error) => self.blocks[block].doubt_within(error * self.scale),
@@ -183,8 +184,8 @@ impl Intervals {
     }
 }
 
-/// Returns how much light a medium of this opacity may scatter of which nothing has been seen: three times what a picture
-/// of this scale would show of an opaque one.
+/// Returns how much light a medium of this opacity may scatter of which nothing has been seen: three times what a
+/// picture of this scale would show of an opaque one.
 pub(super) fn unseen_light(alpha: f64, scale: f64) -> f64 {
     3.0 * alpha * scale
 }

@@ -211,3 +211,43 @@ impl Replicates {
         Film { samples, planes: planes.collect(self.size[0], &[band]), ..Film::of(self.size[0], self.size[1], rgba) }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Means of replicates of four and of two paths.
+    const MEANS: [(u32, f32); 5] = [(4, 1.0), (4, 3.0), (2, 0.25), (4, 1.5), (2, 9.0)];
+
+    fn sums(means: &[(u32, f32)]) -> PixelSums {
+        let mut sums = PixelSums::default();
+        means.iter().for_each(|(paths, mean)| sums.add(*paths, [*mean; 4]));
+        sums
+    }
+
+    /// Σ nᵢ (xᵢ - x̄)² / (n (r - 1)), the unbiased variance of the weighted mean.
+    #[test]
+    fn the_variance_is_that_of_a_weighted_mean() {
+        let all = sums(&MEANS);
+        let n: f64 = MEANS.iter().map(|(n, _)| f64::from(*n)).sum();
+        let mean = MEANS.iter().map(|(n, x)| f64::from(*n) * f64::from(*x)).sum::<f64>() / n;
+        let spread: f64 = MEANS.iter().map(|(n, x)| f64::from(*n) * (f64::from(*x) - mean).powi(2)).sum();
+        assert_eq!(all.mean(), [mean; 4]);
+        assert!((all.variance()[0] / (spread / (n * 4.0)) - 1.0).abs() < 1e-14);
+        assert!((all.by_largest()[0] - (9.0 - mean).powi(2) / 20.0).abs() < 1e-12);
+        assert_eq!(sums(&MEANS[..1]).variance(), [f64::INFINITY; 4]);
+        assert_eq!((sums(&[]).mean(), sums(&[(3, 0.1); 9]).variance()), ([0.0; 4], [0.0; 4]));
+    }
+
+    #[test]
+    fn parts_are_merged_in_any_order() {
+        let all = sums(&MEANS);
+        for cut in 0..=MEANS.len() {
+            let (left, right) = (sums(&MEANS[..cut]), sums(&MEANS[cut..]));
+            for (mut first, second) in [(left, right), (right, left)] {
+                first.merge(&second);
+                assert_eq!((first.mean(), first.variance()), (all.mean(), all.variance()), "{cut}");
+            }
+        }
+    }
+}

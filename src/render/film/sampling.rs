@@ -121,7 +121,7 @@ impl Sampling {
     }
 
     /// Returns the number of estimates that a pixel is the mean of.
-    pub(super) fn samples(&self) -> u32 {
+    pub fn samples(&self) -> u32 {
         match self.placement {
             Placement::Grid(rays) => rays.count() as u32,
             Placement::Random { samples, .. } => samples,

@@ -74,7 +74,7 @@ impl Knob {
 ///
 /// # Errors
 /// If one is asked for that pictures of the subject do not have.
-pub(super) fn chosen(asked: &[Knob], subject: &Subject) -> Result<Vec<Knob>> {
+pub(super) fn selected(asked: &[Knob], subject: &Subject) -> Result<Vec<Knob>> {
     let (known, usual) = Knob::of(subject);
     if asked.is_empty() {
         return Ok(known[..usual].to_vec());

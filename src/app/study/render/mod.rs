@@ -66,7 +66,7 @@ impl RenderStudySettings {
         let mut session = Session::begin("render", &self.pictures.input, &self.study, self, context)?;
         let prepared = self.prepare(&mut session.provenance, context)?;
         session.check_inputs()?;
-        let knobs = knobs::chosen(&self.knobs, &prepared.subject)?;
+        let knobs = knobs::selected(&self.knobs, &prepared.subject)?;
         let variants = knobs::variants(&prepared.pictures, &knobs, &prepared.subject);
         let cost = match session.is_complete() {
             true => Cost::default(),
@@ -118,7 +118,7 @@ impl RenderStudySettings {
         if let Some(earlier) = &session.earlier {
             let films = paths.map(|path| exr::read_film_within(&path, None, self.pictures.limits));
             let films = films.collect::<Result<Vec<_>>>()?;
-            return reference::again(films, earlier.reference.clone(), cameras).map(Some);
+            return reference::resumed(films, earlier.reference.clone(), cameras).map(Some);
         }
         let rendered = reference::render(prepared, knobs, cameras, cancel)?;
         if let Some(pictures) = &rendered {

@@ -149,7 +149,7 @@ fn of_rays(prepared: &Prepared, knobs: &[Knob], cameras: &[Camera], cancel: &Can
 ///
 /// # Errors
 /// If they are not those of these cameras.
-pub(super) fn again(films: Vec<Film>, reference: Reference, cameras: &[Camera]) -> Result<Pictures> {
+pub(super) fn resumed(films: Vec<Film>, reference: Reference, cameras: &[Camera]) -> Result<Pictures> {
     let size = |camera: &Camera| (camera.width as usize, camera.height as usize);
     if films.iter().zip(cameras).any(|(film, camera)| (film.width, film.height) != size(camera)) {
         return Err(Error::invalid(
