@@ -173,11 +173,11 @@ mod tests {
     #[test]
     fn all_combinations_are_there() {
         let base = PictureSettings::default();
-        let knobs = chosen(&[], &STRAIGHT).unwrap();
+        let knobs = selected(&[], &STRAIGHT).unwrap();
         // Exact, and two rules of five steps, each with three transmittances and three supersamplings.
         assert_eq!(variants(&base, &knobs, &STRAIGHT).len(), (1 + 2 * 5) * 3 * 3);
         let grey = Subject { by_depth: true, ..STRAIGHT };
-        assert_eq!(variants(&base, &chosen(&[], &grey).unwrap(), &grey).len(), (1 + 2 * 5) * 3);
+        assert_eq!(variants(&base, &selected(&[], &grey).unwrap(), &grey).len(), (1 + 2 * 5) * 3);
         let groups = variants(&base, &[Knob::Quadrature], &Subject { by_function: true, ..STRAIGHT });
         let names: Vec<&str> = groups.iter().map(|v| v.group.as_str()).collect();
         assert_eq!(names, ["exact", "preintegrated", "preintegrated", "preintegrated", "midpoint", "riemann"]);
@@ -186,10 +186,10 @@ mod tests {
 
     #[test]
     fn settings_that_have_no_effect_are_refused() {
-        let error = chosen(&[Knob::Samples], &STRAIGHT).unwrap_err().to_string();
+        let error = selected(&[Knob::Samples], &STRAIGHT).unwrap_err().to_string();
         assert!(error.contains("knobs=samples") && error.contains("early-stop"), "{error}");
         let paths = Subject { paths: true, scatters: true, ..STRAIGHT };
-        assert_eq!(chosen(&[], &paths).unwrap(), [Knob::Samples, Knob::MaxBounces]);
-        assert!(chosen(&[Knob::Quadrature], &paths).is_err());
+        assert_eq!(selected(&[], &paths).unwrap(), [Knob::Samples, Knob::MaxBounces]);
+        assert!(selected(&[Knob::Quadrature], &paths).is_err());
     }
 }
