@@ -147,6 +147,8 @@ class Up(Report):
 class Rendered(Report):
     """Report of views."""
 
+    accuracy: dict[str, Any] | None = None
+    """Errors of the pictures, if a target or a time was asked for."""
     density_scale: float | None
     """Extinction per unit of density and length; none for a scene whose volumes have different ones."""
     density_scales: list[float] = dataclasses.field(default_factory=list)
