@@ -100,6 +100,17 @@ pub(super) struct Deadline {
     end: Option<Instant>,
     /// Pictures that are left.
     left: usize,
+    /// True once a picture has begun.
+    begun: bool,
+}
+
+/// Time of a picture.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Turn {
+    /// When it is to be done, if it is to be done by then.
+    end: Option<Instant>,
+    /// True for the first picture of a run.
+    first: bool,
 }
 
 impl Deadline {
@@ -107,7 +118,7 @@ impl Deadline {
     pub(super) fn new(begun: Instant, settings: &AccuracySettings, pictures: usize) -> Self {
         let end =
             settings.time.and_then(|time| Duration::try_from_secs_f64(time).ok()).and_then(|t| begun.checked_add(t));
-        Self { end, left: pictures }
+        Self { end, left: pictures, begun: false }
     }
 
     /// Counts a picture that is there already.
@@ -115,11 +126,12 @@ impl Deadline {
         self.left = self.left.saturating_sub(1);
     }
 
-    /// Returns when the next picture is to be done: each has an even part of the time that is left.
-    pub(super) fn next(&mut self) -> Option<Instant> {
+    /// Returns the time of the next picture: an even part of what is left.
+    pub(super) fn next(&mut self) -> Turn {
         let (now, left) = (Instant::now(), self.left.max(1) as u32);
         self.skip();
-        self.end.map(|end| now + end.saturating_duration_since(now) / left)
+        let end = self.end.map(|end| now + end.saturating_duration_since(now) / left);
+        Turn { end, first: !std::mem::replace(&mut self.begun, true) }
     }
 }
 
@@ -228,13 +240,13 @@ struct Work<'w, 'a> {
 }
 
 impl RenderSettings {
-    /// Renders a picture of a number, a view's or a frame's, until it is as its settings of accuracy say, or until the
-    /// `deadline`. Returns `None` if it was stopped before anything is there.
+    /// Renders a picture of a number, a view's or a frame's, until it is as its settings of accuracy say, or until its
+    /// time is over. Returns `None` if it was stopped before anything is there.
     pub(super) fn measured(
         &self,
         tracer: &PathTracer<'_>,
         (number, view): (usize, View<'_>),
-        deadline: Option<Instant>,
+        turn: Turn,
         (cancel, progress): (&Cancel, &Picture<'_>),
         context: &Context,
     ) -> Option<Measured> {
@@ -250,7 +262,7 @@ impl RenderSettings {
         let sampling = |paths, stream| self.pictures.replicate(number, paths, stream);
         // What is left when the last pixel is there.
         let writing = (size[0] * size[1] * (8 + self.aov.len() * 4) * 4) as f64 / WRITTEN;
-        let left = deadline.map(|end| end.saturating_duration_since(work.begun).as_secs_f64() - writing);
+        let left = turn.end.map(|end| end.saturating_duration_since(work.begun).as_secs_f64() - writing);
         let threads = rayon::current_num_threads() as f64;
         let goal = match (self.accuracy.target_error, left) {
             (Some(error), _) => Goal::Error(error),
@@ -269,25 +281,30 @@ impl RenderSettings {
         };
         let deal = Deal::new(demand.paths(error), replicates);
         let expected = (error, spent + wall(demand.seconds(deal.paths())));
-        foresee(number, &self.accuracy, expected, context);
+        foresee((number, turn.first), &self.accuracy, expected, context);
         let end = left.map(|left| work.begun + Duration::from_secs_f64(left.max(0.0)));
         let made = work.replicates(&self.aov, &deal, end, sampling, progress)?;
         Some(work.measured(number, &made, expected, self.aov.contains(&Aov::Samples)))
     }
 }
 
-/// Says what a picture will take before it begins.
-fn foresee(number: usize, settings: &AccuracySettings, (error, seconds): (f64, f64), context: &Context) {
-    match settings.target_error {
+/// Says what a picture will take before it begins; of those after the first, as a detail.
+fn foresee(
+    (number, first): (usize, bool),
+    settings: &AccuracySettings,
+    (error, seconds): (f64, f64),
+    context: &Context,
+) {
+    let text = match settings.target_error {
         Some(target) => {
-            let percent = 100.0 * target;
-            context.detail(format!("picture {number}: an error of {percent:.3} % is expected to take {seconds:.1} s"));
+            format!("picture {number}: an error of {:.3} % is expected to take {seconds:.1} s", 100.0 * target)
         }
         None if error.is_finite() => {
-            context.detail(format!("picture {number}: an error of {:.3} % is expected by then", 100.0 * error));
+            format!("picture {number}: an error of {:.3} % is expected by then", 100.0 * error)
         }
-        None => context.detail(format!("picture {number}: the time is too short to state an error")),
-    }
+        None => format!("picture {number}: the time is too short to state an error"),
+    };
+    if first { context.note(text) } else { context.detail(text) }
 }
 
 impl Work<'_, '_> {

@@ -393,7 +393,7 @@ impl Sequence<'_> {
         progress: &Picture<'_>,
         context: &Context,
     ) -> Result<(Counts, Option<PictureError>)> {
-        let end = self.deadline.next();
+        let turn = self.deadline.next();
         let shot = match self.shot.take() {
             Some(shot) if !shot.moving => shot,
             _ => self.shot(place, number, context)?,
@@ -403,7 +403,7 @@ impl Sequence<'_> {
         let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
         let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
         self.render.accuracy.check_paths(matches!(renderer.renderer, Renderer::Paths(_)))?;
-        let view = (number as usize, view, end);
+        let view = (number as usize, view, turn);
         let (rendered, error) = self.render.picture(&renderer, view, (&self.cancel, progress), context)?;
         // Frames that are there are done.
         if error.as_ref().is_some_and(PictureError::is_stopped) {

@@ -41,7 +41,7 @@ use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame, Model};
 use crate::scene::scene::Scene;
 use crate::wording::all_worded;
-use accuracy::{AccuracyReport, Deadline, Measured, PictureError};
+use accuracy::{AccuracyReport, Deadline, Measured, PictureError, Turn};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -391,9 +391,9 @@ impl RenderSettings {
     ) -> Result<(Counts, Vec<PictureError>)> {
         let bar = context.pictures(views.len() as u64, "render");
         let attributes = provenance.attributes();
-        let view = |((number, camera), files): &((&usize, &Camera), &Vec<PathBuf>), end: Option<Instant>| {
+        let view = |((number, camera), files): &((&usize, &Camera), &Vec<PathBuf>), turn: Turn| {
             let picture = bar.picture();
-            let view = (**number, (*camera).into(), end);
+            let view = (**number, (*camera).into(), turn);
             let (rendered, error) = self.picture(renderer, view, (cancel, &picture), context)?;
             // One picture that was stopped is shown as it is. Of several, which appear together, some are missing.
             if views.len() > 1 && error.as_ref().is_some_and(PictureError::is_stopped) {
@@ -408,7 +408,7 @@ impl RenderSettings {
         };
         let results: Vec<(Counts, Option<PictureError>)> = match self.accuracy.on() {
             true => views.iter().map(|one| view(one, deadline.next())).collect::<Result<_>>()?,
-            false => ordered::try_map(views.par_iter(), |one| view(one, None))?,
+            false => ordered::try_map(views.par_iter(), |one| view(one, Turn::default()))?,
         };
         drop(bar);
         let counts = results.iter().fold(Counts::default(), |sum, (counts, _)| sum.plus(*counts));
@@ -423,13 +423,13 @@ impl RenderSettings {
     fn picture(
         &self,
         renderer: &SceneRenderer<'_>,
-        (number, view, end): (usize, View<'_>, Option<Instant>),
+        (number, view, turn): (usize, View<'_>, Turn),
         (cancel, progress): (&Cancel, &Picture<'_>),
         context: &Context,
     ) -> Result<(Rendered, Option<PictureError>)> {
         match &renderer.renderer {
             Renderer::Paths(tracer) if self.accuracy.on() => {
-                let measured = self.measured(tracer, (number, view), end, (cancel, progress), context);
+                let measured = self.measured(tracer, (number, view), turn, (cancel, progress), context);
                 let Measured { rendered, error } = measured.ok_or_else(Error::cancelled)?;
                 Ok((rendered, Some(error)))
             }
