@@ -278,6 +278,7 @@ fn errors_fall_as_theory_says() {
     };
     let (noisy, smooth) = (order(&scene(0.9, vec![sun(2.0)])), order(&scene(0.0, vec![])));
     println!("the variance falls with the number of paths to the power of {noisy:.2}, {smooth:.2} where it is smooth");
-    assert!((0.9..1.2).contains(&noisy), "{noisy}");
-    assert!(smooth > 1.3, "{smooth}");
+    // Paths that are spread evenly do better than independent ones, with 1.
+    assert!((0.95..1.5).contains(&noisy), "{noisy}");
+    assert!(smooth > 1.3 && smooth > noisy + 0.1, "{smooth} {noisy}");
 }
