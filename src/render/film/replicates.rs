@@ -161,9 +161,11 @@ impl Replicates {
                 self.seconds[blocks.of([i % self.size[0], i / self.size[0]])] += f64::from(seconds);
             }
         }
-        let half = (self.added % 2) as usize;
+        // Every other replicate of a pixel, which is not in all of them, belongs to one half.
         let rays = bands.iter().flat_map(|(pixels, _)| pixels);
-        self.features.iter_mut().zip(rays).for_each(|(sum, pixel)| sum.merge(pixel, half));
+        for ((sum, sums), pixel) in self.features.iter_mut().zip(&self.sums).zip(rays) {
+            sum.merge(pixel, (sums.replicates % 2) as usize);
+        }
         self.counts = bands.iter().fold(self.counts, |sum, (_, counts)| sum.plus(*counts));
         self.added += 1;
         true
