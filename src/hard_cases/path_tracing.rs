@@ -38,10 +38,10 @@ pub(super) const CASES: &[Case] = &[
         area: Area::PathTracing,
         hazard: "a constant medium, in which every tentative collision is real: null collisions of probability 0",
         remedy: "collisions accepted or not, never divided by their probability",
-        naive_formula: "weight of a null collision over its probability",
+        naive_formula: "both weights over their probabilities, one of them multiplied by 0",
         figure: "share of paths without a finite radiance, or of probability 0",
         bound: 0.0,
-        naive: Naive::Fails(0.4),
+        naive: Naive::Fails(0.9),
         measured: certain_collisions,
     },
     Case {
@@ -181,10 +181,12 @@ fn certain_collisions(formula: Formula) -> Result<f64> {
                     u32::from(!(seen.is_finite() && seen.min_element() >= 0.0))
                 }
                 Formula::Naive => {
-                    // Of both kinds of collisions, each is weighted by its coefficient over its probability.
-                    let real = sampler.uniform() < 0.5;
-                    let (share, null) = (extinction / majorant, 1.0 - extinction / majorant);
-                    let weight = if real { share / share } else { null / (1.0 - share) };
+                    // Both kinds of collisions have their coefficient over their probability; one is selected.
+                    let coefficients = [extinction / majorant, 1.0 - extinction / majorant];
+                    let probabilities = coefficients;
+                    let real = f64::from(u8::from(sampler.uniform() < probabilities[0]));
+                    let [of_real, of_null] = [0, 1].map(|kind| coefficients[kind] / probabilities[kind]);
+                    let weight = real * of_real + (1.0 - real) * of_null;
                     u32::from(!weight.is_finite())
                 }
             };

@@ -235,8 +235,9 @@ fn equal_densities(formula: Formula) -> Result<f64> {
                         dvr.over([BACKGROUND as f32; 3]).pixel(&along_x()).rgba().map(f64::from)
                     }
                     Formula::Naive => {
-                        let sums = table.integral(0.0, density).map(|v| extinction * SLAB * v);
-                        let [r, g, b, depth] = sums.map(|sum| (sum - sum) / (density - density));
+                        let sums = |density| table.integral(0.0, density).map(|v| extinction * SLAB * v);
+                        let ([from, to], [front, back]) = ([density; 2], [sums(density), sums(density)]);
+                        let [r, g, b, depth] = [0, 1, 2, 3].map(|c| (back[c] - front[c]) / (to - from));
                         let share = (1.0 - (-depth).exp()) / depth;
                         [r * share, g * share, b * share, 1.0 - (-depth).exp()]
                     }

@@ -78,7 +78,7 @@ pub(super) fn variants(base: &DensitySettings, knobs: &[ReconstructKnob], views:
     for (views, noise) in counts.iter().flat_map(|views| noise.iter().map(move |noise| (*views, *noise))) {
         for solver in &solvers {
             for resolution in &resolutions {
-                let region = RegionSettings { resolution: Some(*resolution), ..base.region.clone() };
+                let region = RegionSettings { resolution: Some(*resolution), ..base.region };
                 let settings = DensitySettings { region, solver: *solver, ..base.clone() };
                 let own =
                     |iterations| Variant { settings: DensitySettings { iterations, ..settings.clone() }, views, noise };
