@@ -23,12 +23,12 @@ struct Block {
 }
 
 impl Block {
-    /// Returns the paths per pixel at which half the width of no channel's interval is larger than `error` by the
-    /// scale; `z` is the normal quantile of the confidence.
-    fn needed(&self, error: f64, scale: f64, z: f64) -> u32 {
-        let most = self.variances.iter().map(|v| self.paths * times(v, error * scale, z)).fold(0.0, f64::max);
+    /// Returns the paths per pixel at which half the width of no channel's interval is larger than `width`; `z` is the
+    /// normal quantile of the confidence.
+    fn needed(&self, width: f64, brightness: f64, z: f64) -> u32 {
+        let most = self.variances.iter().map(|v| self.paths * times(v, width, z)).fold(0.0, f64::max);
         // Light that nobody has met may be left unseen where it is too faint to matter.
-        let matters = self.alpha > 0.0 && unseen_light(self.alpha, scale) > 0.5 * error * scale;
+        let matters = self.alpha > 0.0 && unseen_light(self.alpha, brightness) > 0.5 * width;
         let met = if matters { 1.5 * FEWEST_MET / (self.alpha * self.pixels) } else { 0.0 };
         (most.max(met).ceil() as u32).clamp(FEWEST, MOST)
     }
@@ -61,6 +61,8 @@ pub struct Demand {
     blocks: Vec<Block>,
     /// Scale of the pilot's radiance.
     scale: f64,
+    /// Radiance that an opaque medium would show, of the brightest block.
+    brightness: f64,
     /// Normal quantile of the confidence.
     z: f64,
 }
@@ -90,8 +92,13 @@ impl Demand {
             };
             Block { variances: [0, 1, 2].map(of), ..alone[block] }
         };
-        let scale = Intervals::of(pilot, confidence).scale;
-        Self { blocks: (0..grid.count()).map(around).collect(), scale, z: quantile(confidence, f64::INFINITY) }
+        let Intervals { scale, brightness, .. } = Intervals::of(pilot, confidence);
+        Self {
+            blocks: (0..grid.count()).map(around).collect(),
+            scale,
+            brightness,
+            z: quantile(confidence, f64::INFINITY),
+        }
     }
 
     /// Returns the scale of the pilot's radiance, see [`scale`](super::interval::scale).
@@ -102,7 +109,7 @@ impl Demand {
     /// Returns the paths per pixel of each block at which no interval's half width is larger than `error` times the
     /// scale: at least [`FEWEST`], at most [`MOST`].
     pub fn paths(&self, error: f64) -> Vec<u32> {
-        self.blocks.iter().map(|block| block.needed(error, self.scale, self.z)).collect()
+        self.blocks.iter().map(|block| block.needed(error * self.scale, self.brightness, self.z)).collect()
     }
 
     /// Returns the mean number of paths per pixel that a goal takes.

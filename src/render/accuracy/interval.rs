@@ -55,6 +55,8 @@ pub struct Intervals {
     pub confidence: f64,
     /// Scale of the picture's radiance, by which errors are divided; see [`scale`].
     pub scale: f64,
+    /// Radiance that an opaque medium would show, of the brightest block.
+    pub(super) brightness: f64,
     /// Intervals, block by block.
     pub blocks: Vec<Interval>,
 }
@@ -126,7 +128,8 @@ impl Variance {
             return 0.0;
         }
         let freedom = self.freedom.min(2.0 / self.largest - 2.0);
-        if freedom <= 0.0 {
+        // One event that makes nearly all tells nothing.
+        if freedom < 1.0 {
             return f64::INFINITY;
         }
         let events = if self.rareness() > 1.0 { 3.0 * self.largest.sqrt() } else { 0.0 };
@@ -144,13 +147,11 @@ impl Intervals {
     pub fn of_sums(size: [usize; 2], sums: &[PixelSums], confidence: f64) -> Self {
         let grid = Blocks::new(size);
         let pixels = |block: usize| grid.pixels(block).map(|pixel| &sums[pixel]);
-        let means = (0..grid.count()).map(|block| {
-            let mean = block_mean(pixels(block));
-            (mean[0] + mean[1] + mean[2]) / 3.0
-        });
-        let scale = scale(means);
-        let blocks = (0..grid.count()).map(|block| interval(|| pixels(block), scale, confidence)).collect();
-        Self { confidence, scale, blocks }
+        let means: Vec<[f64; 4]> = (0..grid.count()).map(|block| block_mean(pixels(block))).collect();
+        let scale = scale(means.iter().map(|[r, g, b, _]| (r + g + b) / 3.0));
+        let brightness = brightness(size, sums, &means);
+        let blocks = (0..grid.count()).map(|block| interval(|| pixels(block), brightness, confidence)).collect();
+        Self { confidence, scale, brightness, blocks }
     }
 
     /// Returns half the width of a block's interval by the picture's scale, the largest of its channels.
@@ -184,10 +185,27 @@ impl Intervals {
     }
 }
 
-/// Returns how much light a medium of this opacity may scatter of which nothing has been seen: three times what a
-/// picture of this scale would show of an opaque one.
-pub(super) fn unseen_light(alpha: f64, scale: f64) -> f64 {
-    3.0 * alpha * scale
+/// Returns how much light a medium of this opacity may scatter of which nothing has been seen: twice what it shows where
+/// it is seen best.
+pub(super) fn unseen_light(alpha: f64, brightness: f64) -> f64 {
+    2.0 * alpha * brightness
+}
+
+/// Returns the paths of pixels that meet a medium.
+fn met<'p>(pixels: impl Iterator<Item = &'p PixelSums>) -> f64 {
+    pixels.map(|pixel| pixel.paths as f64 * pixel.mean()[3]).sum()
+}
+
+/// Returns the largest radiance by opacity of blocks, whose `means` are given, that enough paths met the medium in; of
+/// all blocks that any have, where there is none.
+fn brightness(size: [usize; 2], sums: &[PixelSums], means: &[[f64; 4]]) -> f64 {
+    let grid = Blocks::new(size);
+    let by_opacity = |[r, g, b, alpha]: &[f64; 4]| r.max(*g).max(*b) / alpha;
+    let of = |fewest: f64| {
+        let seen = (0..grid.count()).filter(|block| met(grid.pixels(*block).map(|pixel| &sums[pixel])) > fewest);
+        seen.map(|block| by_opacity(&means[block])).fold(0.0, f64::max)
+    };
+    Some(of(FEWEST_MET)).filter(|brightness| *brightness > 0.0).unwrap_or_else(|| of(0.0))
 }
 
 /// Returns the mean of a block's pixels: red, green, blue and alpha.
@@ -200,11 +218,15 @@ pub(super) fn block_mean<'p>(pixels: impl Iterator<Item = &'p PixelSums>) -> [f6
 }
 
 /// States the interval of a block from its pixels.
-fn interval<'p, P: Iterator<Item = &'p PixelSums>>(pixels: impl Fn() -> P, scale: f64, confidence: f64) -> Interval {
+fn interval<'p, P: Iterator<Item = &'p PixelSums>>(
+    pixels: impl Fn() -> P,
+    brightness: f64,
+    confidence: f64,
+) -> Interval {
     let [r, g, b, alpha] = block_mean(pixels());
     let variances = [0, 1, 2].map(|c| Variance::of(pixels(), c));
     // Paths that meet the medium: where there are hardly any, what it scatters has hardly been seen.
-    let met: f64 = pixels().map(|pixel| pixel.paths as f64 * pixel.mean()[3]).sum();
+    let met = met(pixels());
     let unseen = met > 0.0 && met < FEWEST_MET;
     let doubt = if pixels().any(|pixel| pixel.replicates < FEWEST) {
         Some(Doubt::FewReplicates)
@@ -215,7 +237,7 @@ fn interval<'p, P: Iterator<Item = &'p PixelSums>>(pixels: impl Fn() -> P, scale
     } else {
         None
     };
-    let wider = if unseen { unseen_light(alpha, scale) } else { 0.0 };
+    let wider = if unseen { unseen_light(alpha, brightness) } else { 0.0 };
     let half_width = |v: Variance| v.half_width(|freedom| quantile(confidence, freedom)) + wider;
     Interval { mean: [r, g, b], half_width: variances.map(half_width), doubt }
 }
