@@ -4,9 +4,9 @@
 
 use crate::common::fields::{field, lumps, unit};
 use cumulo::cancel::Cancel;
-use cumulo::render::accuracy::demand::Deal;
+use cumulo::render::accuracy::demand::{Deal, Goal};
 use cumulo::render::accuracy::interval::{Doubt, Intervals};
-use cumulo::render::accuracy::pilot::{Goal, pilot};
+use cumulo::render::accuracy::pilot::pilot;
 use cumulo::render::film::{Blocks, FEWEST, Replicates, Sampling, View};
 use cumulo::render::path::PathTracer;
 use cumulo::scene::camera::{Camera, Projection};

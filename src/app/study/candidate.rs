@@ -1,6 +1,6 @@
 //! A setting that is compared with others.
 
-use super::measurement::Run;
+use super::run::Run;
 use crate::cancel::Cancel;
 use crate::error::Result;
 

@@ -3,18 +3,9 @@
 use super::candidate::Candidate;
 use super::errors::Errors;
 use super::reference::Reference;
+use super::run::Run;
 use crate::metrics::interval;
 use serde::{Deserialize, Serialize};
-
-/// One run of a setting.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
-pub struct Run {
-    /// Seconds that it took.
-    pub seconds: f64,
-    /// Errors of its result.
-    #[serde(flatten)]
-    pub errors: Errors,
-}
 
 /// What was measured of a setting. Errors are in units of the reference's root mean square.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]

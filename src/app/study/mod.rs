@@ -20,13 +20,15 @@ mod reference;
 pub mod render;
 mod report;
 mod rounds;
+mod run;
 mod session;
 mod table;
 mod words;
 
 pub use errors::Errors;
-pub use measurement::{Measurement, Run};
+pub use measurement::Measurement;
 pub use options::StudyOptions;
 pub use recommendation::Recommendation;
 pub use reference::Reference;
 pub use report::StudyReport;
+pub use run::Run;

@@ -1,12 +1,20 @@
 //! Paths that a wanted error takes, by a pilot.
 
 use super::interval::{FEWEST_MET, Intervals, Variance, block_mean, unseen_light};
-use super::pilot::Goal;
 use crate::metrics::statistical::probability::quantile;
 use crate::render::film::{Blocks, FEWEST, Replicates, Sampling};
 
 /// Most paths of a pixel.
 pub const MOST: u32 = 1 << 16;
+
+/// What a picture is to keep to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Goal {
+    /// Half width of each block's interval, by the picture's scale.
+    Error(f64),
+    /// Thread seconds, the pilot's among them.
+    Seconds(f64),
+}
 
 /// What the pilot tells of a block.
 #[derive(Debug, Clone, Copy, Default)]

@@ -185,14 +185,14 @@ impl Intervals {
     }
 }
 
-/// Returns how much light a medium of this opacity may scatter of which nothing has been seen: twice what it shows where
-/// it is seen best.
+/// Returns how much light a medium of this opacity may scatter of which nothing has been seen: twice what it shows
+/// where it is seen best.
 pub(super) fn unseen_light(alpha: f64, brightness: f64) -> f64 {
     2.0 * alpha * brightness
 }
 
 /// Returns the paths of pixels that meet a medium.
-fn met<'p>(pixels: impl Iterator<Item = &'p PixelSums>) -> f64 {
+fn medium_paths<'p>(pixels: impl Iterator<Item = &'p PixelSums>) -> f64 {
     pixels.map(|pixel| pixel.paths as f64 * pixel.mean()[3]).sum()
 }
 
@@ -202,7 +202,8 @@ fn brightness(size: [usize; 2], sums: &[PixelSums], means: &[[f64; 4]]) -> f64 {
     let grid = Blocks::new(size);
     let by_opacity = |[r, g, b, alpha]: &[f64; 4]| r.max(*g).max(*b) / alpha;
     let of = |fewest: f64| {
-        let seen = (0..grid.count()).filter(|block| met(grid.pixels(*block).map(|pixel| &sums[pixel])) > fewest);
+        let seen =
+            (0..grid.count()).filter(|block| medium_paths(grid.pixels(*block).map(|pixel| &sums[pixel])) > fewest);
         seen.map(|block| by_opacity(&means[block])).fold(0.0, f64::max)
     };
     Some(of(FEWEST_MET)).filter(|brightness| *brightness > 0.0).unwrap_or_else(|| of(0.0))
@@ -226,7 +227,7 @@ fn interval<'p, P: Iterator<Item = &'p PixelSums>>(
     let [r, g, b, alpha] = block_mean(pixels());
     let variances = [0, 1, 2].map(|c| Variance::of(pixels(), c));
     // Paths that meet the medium: where there are hardly any, what it scatters has hardly been seen.
-    let met = met(pixels());
+    let met = medium_paths(pixels());
     let unseen = met > 0.0 && met < FEWEST_MET;
     let doubt = if pixels().any(|pixel| pixel.replicates < FEWEST) {
         Some(Doubt::FewReplicates)

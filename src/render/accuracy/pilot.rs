@@ -1,18 +1,9 @@
 //! The pilot of a picture: few paths, thrown away, that tell how many the picture takes.
 
-use super::demand::Demand;
+use super::demand::{Demand, Goal};
 use crate::render::film::{FEWEST, Replicates, Sampling, View};
 use crate::render::integrator::Integrator;
 use crate::render::tiles::Watch;
-
-/// What a picture is to keep to.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Goal {
-    /// Half width of each block's interval, by the picture's scale.
-    Error(f64),
-    /// Thread seconds, the pilot's among them.
-    Seconds(f64),
-}
 
 /// Part of the paths of a picture that its pilot has at most, unless it has one path a replicate.
 const PART: f64 = 1.0 / 16.0;

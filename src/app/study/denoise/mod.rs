@@ -7,11 +7,11 @@ pub use knobs::DenoiseKnob;
 
 use super::candidate::Candidate;
 use super::errors::Errors;
-use super::measurement::Run;
 use super::options::StudyOptions;
 use super::page::{self, Gallery};
 use super::report::StudyReport;
 use super::rounds::USUAL_ROUNDS;
+use super::run::Run;
 use super::session::Session;
 use super::words;
 use crate::app::Context;

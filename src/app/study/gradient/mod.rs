@@ -6,11 +6,11 @@ pub use knobs::GradientKnob;
 
 use super::candidate::Candidate;
 use super::errors::Errors;
-use super::measurement::Run;
 use super::options::StudyOptions;
 use super::reference::Reference;
 use super::report::StudyReport;
 use super::rounds::USUAL_ROUNDS;
+use super::run::Run;
 use super::session::Session;
 use super::words;
 use crate::app::Context;

@@ -7,12 +7,12 @@ pub use knobs::ReconstructKnob;
 
 use super::candidate::Candidate;
 use super::errors::{Errors, scale};
-use super::measurement::Run;
 use super::noise;
 use super::options::StudyOptions;
 use super::page::{self, Gallery};
 use super::reference::Reference;
 use super::report::StudyReport;
+use super::run::Run;
 use super::session::Session;
 use super::words;
 use crate::app::Context;

@@ -9,10 +9,10 @@ pub use knobs::Knob;
 
 use super::candidate::Candidate;
 use super::errors::Errors;
-use super::measurement::Run;
 use super::options::StudyOptions;
 use super::page::{self, Gallery};
 use super::report::StudyReport;
+use super::run::Run;
 use super::session::Session;
 use super::words;
 use crate::app::Context;
