@@ -130,7 +130,8 @@ fn no_input_of_any_option_becomes_an_output() {
 #[test]
 fn every_option_with_a_path_is_tried_as_an_output() {
     // These write nothing beside what they print, or pages of their own.
-    const WITHOUT_OUTPUTS: [&str; 8] = ["completions", "diff", "info", "man", "plan", "schema", "try-grid", "validate"];
+    const WITHOUT_OUTPUTS: [&str; 9] =
+        ["completions", "diff", "info", "man", "plan", "schema", "study", "try-grid", "validate"];
     let mut left: Vec<(String, clap::Command)> = vec![(String::new(), cumulo::cli::Arguments::command())];
     let mut seen = 0;
     while let Some((path, command)) = left.pop() {
