@@ -99,8 +99,8 @@ fn picture(tracer: &PathTracer<'_>, camera: &Camera, error: f64, seed: u64) -> R
     let sampling = |paths: u32, stream: u64| Sampling::random(paths, (seed << 40) ^ stream);
     let view = View::from(camera);
     let watch = (&Cancel::NEVER).into();
-    let (demand, _) = pilot(tracer, view, sampling, (Goal::Error(error), 0.95), watch).unwrap();
-    let deal = Deal::new(demand.paths(error), 2 * FEWEST);
+    let (demand, _) = pilot(tracer, view, sampling, (Goal::Error(error), 0.95, None), watch).unwrap();
+    let deal = Deal::new(demand.unwrap().paths(error), 2 * FEWEST);
     let mut replicates = Replicates::new([SIZE as usize; 2], &[]);
     for number in 0..deal.replicates() {
         let rays = deal.replicate(number, |paths| sampling(paths, number.into()));

@@ -7,10 +7,10 @@ use crate::app::ranges;
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::exr::Attributes;
-use crate::render::accuracy::demand::{Deal, Goal};
+use crate::render::accuracy::demand::{Deal, Goal, MOST};
 use crate::render::accuracy::interval::{Doubt, Intervals};
 use crate::render::accuracy::pilot::pilot;
-use crate::render::film::{Aov, Blocks, EDGE, Rendered, Replicates, Sampling, View};
+use crate::render::film::{Aov, Blocks, EDGE, FEWEST, Rendered, Replicates, Sampling, View};
 use crate::render::path::PathTracer;
 use crate::render::tiles::Watch;
 use crate::scene::film::Plane;
@@ -58,6 +58,10 @@ impl AccuracySettings {
             return Err(Error::invalid("⟨target_error⟩ and ⟨time⟩ both say when a picture is done")
                 .hint("give one of them: ⟨time⟩ states the error that it has reached"));
         }
+        if !self.on() && confidence != Self::default().confidence {
+            return Err(Error::invalid("⟨confidence⟩: no error is stated")
+                .hint("give ⟨target_error⟩ or ⟨time⟩, or leave ⟨confidence⟩ out"));
+        }
         if self.on() && samples.is_some() {
             return Err(Error::invalid(
                 "⟨samples⟩ states the number of paths, which follows from the wanted error or time",
@@ -88,8 +92,12 @@ pub(super) const FEATURE_BYTES: u64 = 2 * 400;
 /// Replicates of a picture that has a target: enough that their spread is known, few enough that each covers pixels
 /// evenly.
 const OF_TARGET: u32 = 16;
-/// Replicates of a picture that has a time, which ends with one of them.
+/// Most replicates that the paths of a picture that has a time are dealt out to; it ends with one of them.
 const OF_TIME: u32 = 32;
+/// Paths of a replicate of a picture that has a time: fewer replicates where there are few paths.
+const OF_REPLICATE: f64 = 4.0;
+/// Part of its time that the pilot of a picture may take.
+const PILOT: f64 = 0.25;
 
 /// Bytes of a picture that are written in a second, at least.
 const WRITTEN: f64 = 1e8;
@@ -140,10 +148,10 @@ impl Deadline {
 pub(super) struct PictureError {
     /// Number of the view or frame.
     picture: usize,
-    /// Largest error of a block of which one is stated, by the picture's scale.
-    error: f64,
-    /// Error that the pilot foresaw, or that was asked for.
-    expected_error: f64,
+    /// Largest error of a certified block, by the picture's scale; null without any.
+    error: Option<f64>,
+    /// Error that the pilot foresaw, or that was asked for; null where the time was too short for a pilot.
+    expected_error: Option<f64>,
     /// Scale of the picture's radiance.
     scale: f64,
     /// Blocks of 8 x 8 pixels.
@@ -158,8 +166,8 @@ pub(super) struct PictureError {
     paths: [f64; 3],
     /// Seconds that it took to render.
     seconds: f64,
-    /// Seconds that the pilot foresaw, its own among them.
-    expected_seconds: f64,
+    /// Seconds that the pilot foresaw, its own among them; null where the time was too short for a pilot.
+    expected_seconds: Option<f64>,
     /// True if the work was stopped before.
     stopped: bool,
 }
@@ -195,17 +203,21 @@ impl AccuracyReport {
 
 impl fmt::Display for AccuracyReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let worst = self.pictures.iter().map(|picture| picture.error).fold(0.0, f64::max);
+        let worst = self.pictures.iter().filter_map(|picture| picture.error).reduce(f64::max);
         let sum = |of: fn(&PictureError) -> usize| self.pictures.iter().map(of).sum::<usize>();
         let (blocks, certified) = (sum(|p| p.blocks), sum(|p| p.certified));
-        write!(f, "  error {:.2} % of the scale at most, ", 100.0 * worst)?;
-        write!(
-            f,
-            "with {:.0} % confidence for each of {certified} of {blocks} blocks of 8x8 pixels",
-            100.0 * self.confidence
-        )?;
+        match worst {
+            Some(worst) => write!(
+                f,
+                "  error {:.2} % of the scale at most, with confidence {} for each of {certified} of {blocks} blocks \
+                 of 8x8 pixels",
+                100.0 * worst,
+                self.confidence
+            )?,
+            None => write!(f, "  no error is known of any of {blocks} blocks of 8x8 pixels")?,
+        }
         for (doubt, words) in [
-            (Doubt::Wide, "have a larger error"),
+            (Doubt::Wide, "have an error above the target"),
             (Doubt::RareEvents, "have too few events that make their noise to be sure of it"),
             (Doubt::NoLight, "scatter, and no path found light"),
             (Doubt::FewReplicates, "have fewer than 8 replicates, and no error is stated"),
@@ -268,41 +280,68 @@ impl RenderSettings {
             (Some(error), _) => Goal::Error(error),
             (None, left) => Goal::Seconds(left.unwrap_or(0.0).max(0.0) * threads),
         };
-        let (demand, thread_seconds) = pilot(tracer, view, sampling, (goal, self.accuracy.confidence), work.watch)?;
+        let part = left.map(|left| work.begun + Duration::from_secs_f64((PILOT * left).max(0.0)));
+        let goal = (goal, self.accuracy.confidence, part);
+        let (demand, thread_seconds) = pilot(tracer, view, sampling, goal, work.watch)?;
         let spent = work.begun.elapsed().as_secs_f64();
         // Threads share their cores with whatever else runs.
         let wall = |seconds: f64| seconds * spent / thread_seconds.max(1e-9);
-        let (error, replicates) = match self.accuracy.target_error {
-            Some(error) => (error, OF_TARGET),
-            None => {
-                let seconds = (left.unwrap_or(0.0) - spent).max(0.0);
-                (demand.error_in(seconds / wall(1.0).max(1e-9)), OF_TIME)
+        let remaining = left.map(|left| (left - spent).max(0.0) / wall(1.0).max(1e-9));
+        let (deal, expected) = match demand {
+            Some(demand) => {
+                let error = self.accuracy.target_error.unwrap_or_else(|| demand.error_in(remaining.unwrap_or(0.0)));
+                let deal = dealt(demand.paths(error), remaining.is_some());
+                let seconds = spent + wall(demand.seconds(deal.paths()));
+                (deal, Some(Expected { error, seconds }))
             }
+            None => (dealt(vec![0; Blocks::new(size).count()], true), None),
         };
-        let deal = Deal::new(demand.paths(error), replicates);
-        let expected = (error, spent + wall(demand.seconds(deal.paths())));
-        foresee((number, turn.first), &self.accuracy, expected, context);
+        foresee((number, turn.first), &self.accuracy, (expected, &deal), context);
         let end = left.map(|left| work.begun + Duration::from_secs_f64(left.max(0.0)));
         let made = work.replicates(&self.aov, &deal, end, sampling, progress)?;
         Some(work.measured(number, &made, expected, self.aov.contains(&Aov::Samples)))
     }
 }
 
+/// What a picture is expected to take.
+#[derive(Debug, Clone, Copy)]
+struct Expected {
+    /// Error that it is to have, or that its time allows; infinite where that is too short.
+    error: f64,
+    seconds: f64,
+}
+
+/// Deals out paths to the replicates of a picture. One that has a time may end before the last of them.
+fn dealt(paths: Vec<u32>, timed: bool) -> Deal {
+    if !timed {
+        return Deal::new(paths, OF_TARGET);
+    }
+    let mean = paths.iter().map(|paths| f64::from(*paths)).sum::<f64>() / paths.len().max(1) as f64;
+    let replicates = ((mean / OF_REPLICATE) as u32).clamp(FEWEST, OF_TIME);
+    // Every replicate has a path of every pixel, as the time may be over after eight of them.
+    Deal::new(paths.into_iter().map(|paths| paths.max(replicates)).collect(), replicates)
+}
+
 /// Says what a picture will take before it begins; of those after the first, as a detail.
 fn foresee(
     (number, first): (usize, bool),
     settings: &AccuracySettings,
-    (error, seconds): (f64, f64),
+    (expected, deal): (Option<Expected>, &Deal),
     context: &Context,
 ) {
-    let text = match settings.target_error {
-        Some(target) => {
-            format!("picture {number}: an error of {:.3} % is expected to take {seconds:.1} s", 100.0 * target)
+    let capped = deal.paths().iter().filter(|paths| **paths == MOST).count();
+    let text = match (settings.target_error, expected) {
+        (Some(target), Some(Expected { seconds, .. })) => {
+            let all = match capped {
+                0 => String::new(),
+                blocks => format!("; {blocks} blocks have the most paths, {MOST}, and may not reach it"),
+            };
+            format!("picture {number}: an error of {:.3} % is expected to take {seconds:.1} s{all}", 100.0 * target)
         }
-        None if error.is_finite() => {
+        (None, Some(Expected { error, .. })) if error.is_finite() => {
             format!("picture {number}: an error of {:.3} % is expected by then", 100.0 * error)
         }
-        None => format!("picture {number}: the time is too short to state an error"),
+        _ => format!("picture {number}: the time is too short to expect an error"),
     };
     if first { context.note(text) } else { context.detail(text) }
 }
@@ -349,7 +388,7 @@ impl Work<'_, '_> {
     }
 
     /// Measures a picture by its replicates.
-    fn measured(&self, number: usize, made: &Replicates, expected: (f64, f64), has_samples: bool) -> Measured {
+    fn measured(&self, number: usize, made: &Replicates, expected: Option<Expected>, has_samples: bool) -> Measured {
         let intervals = Intervals::of(made, self.settings.confidence);
         let target = self.settings.target_error;
         let doubtful: Vec<Doubtful> =
@@ -358,8 +397,8 @@ impl Work<'_, '_> {
         let blocks = intervals.blocks.len();
         let error = PictureError {
             picture: number,
-            error: intervals.worst(),
-            expected_error: expected.0,
+            error: intervals.worst(target),
+            expected_error: expected.map(|e| e.error).filter(|error| error.is_finite()),
             scale: intervals.scale,
             blocks,
             certified: blocks - doubtful.iter().map(|d| d.blocks).sum::<usize>(),
@@ -371,7 +410,7 @@ impl Work<'_, '_> {
                 paths.fold(0.0, f64::max),
             ],
             seconds: self.begun.elapsed().as_secs_f64(),
-            expected_seconds: expected.1,
+            expected_seconds: expected.map(|e| e.seconds),
             stopped: self.watch.cancel.requested(),
         };
         let mut film = made.film();
@@ -380,8 +419,8 @@ impl Work<'_, '_> {
     }
 }
 
-/// Returns the planes of a picture's error: `error.V`, the error of each pixel's block by the picture's scale, 0 where
-/// none is known; `error.certified`, 1 where it is known with the confidence, and within the target; and the number of
+/// Returns the planes of a picture's error: `error.V`, the error of each pixel's block by the picture's scale, infinite
+/// where none is known; `error.certified`, 1 where it is known with the confidence, and within the target; and the number of
 /// paths, unless it is asked for.
 fn planes(made: &Replicates, intervals: &Intervals, target: Option<f64>, has_samples: bool) -> Vec<Plane> {
     let grid = Blocks::new(made.size());
@@ -391,9 +430,9 @@ fn planes(made: &Replicates, intervals: &Intervals, target: Option<f64>, has_sam
         let samples = (0..made.sums().len()).map(|i| values[grid.of([i % width, i / width])]).collect();
         Plane { name: name.into(), samples }
     };
-    let error = |block: usize| match intervals.relative(block) {
-        error if error.is_finite() => error as f32,
-        _ => 0.0,
+    let error = |block: usize| match intervals.blocks[block].doubt {
+        Some(Doubt::FewReplicates | Doubt::NoLight) => f32::INFINITY,
+        _ => intervals.relative(block) as f32,
     };
     let certified = |block: usize| f32::from(u8::from(intervals.doubt(block, target).is_none()));
     let samples = made.sums().iter().map(|sums| sums.paths as f32).collect();
@@ -405,7 +444,7 @@ impl PictureError {
     /// Adds the error to the attributes of a picture.
     pub(super) fn describe(&self, settings: &AccuracySettings, attributes: &mut Attributes) {
         let mut add = |name: &str, value: String| attributes.insert(format!("cumulo:{name}"), value);
-        add("error", self.error.to_string());
+        add("error", self.error.map_or("unknown".into(), |error| error.to_string()));
         add("confidence", settings.confidence.to_string());
         add("scale", self.scale.to_string());
         add("certified", format!("{} of {} blocks of {EDGE}x{EDGE} pixels", self.certified, self.blocks));

@@ -179,7 +179,8 @@ impl Deal {
 
     /// Returns the rays of each block in a replicate, whose random numbers are its own.
     pub fn replicate(&self, number: u32, sampling: impl Fn(u32) -> Sampling) -> Vec<Option<Sampling>> {
-        let before = |paths: u32, number: u32| u64::from(paths) * u64::from(number) / u64::from(self.replicates);
+        // The first replicate has a path of every pixel, however soon the time is over.
+        let before = |paths: u32, number: u32| (u64::from(paths) * u64::from(number)).div_ceil(self.replicates.into());
         let of = |paths: &u32| {
             // Blocks of fewer paths than replicates are in some of these.
             let count = match *paths / self.replicates {
