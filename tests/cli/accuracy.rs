@@ -55,10 +55,11 @@ fn pictures_reach_a_wanted_error() {
 fn the_stated_error_is_that_of_the_picture() {
     let work = Work::new();
     work.json(&format!("render @plume.vdb {LIT} --samples 4096 --seed 7 -o true.exr"));
-    work.json(&format!("render @plume.vdb {LIT} --target-error 0.02 --aov variance,direct,halves -o made.exr"));
+    let report =
+        work.json(&format!("render @plume.vdb {LIT} --target-error 0.02 --aov variance,direct,halves -o made.exr"));
     let (truth, made) = (planes(&work, "true.exr"), planes(&work, "made.exr"));
     let (mut within, mut blocks) = (0, 0);
-    let scale = 0.35;
+    let scale = error(&report)["scale"].as_f64().unwrap();
     for (x, y) in (0..4).flat_map(|y| (0..5).map(move |x| (8 * x, 8 * y))) {
         let at = || (0..64).map(|i| (y + i / 8) * 40 + x + i % 8);
         let mean = |film: &Film, c: usize| at().map(|i| f64::from(film.rgba[i][c])).sum::<f64>() / 64.0;
@@ -89,7 +90,7 @@ fn pictures_keep_to_a_time() {
     let seconds = begun.elapsed().as_secs_f64();
     assert!((1.5..6.0).contains(&seconds), "{seconds}");
     assert_eq!(report["accuracy"]["pictures"].as_array().unwrap().len(), 3);
-    // A time that is over leaves a picture of which no error is stated.
+    // A time that is over leaves a picture of a path a pixel, of which no error is stated.
     let report = work.json(&format!("render @plume.vdb {LIT} --time 0.001 -o short.exr"));
     let found = error(&report);
     assert_eq!(
@@ -97,6 +98,10 @@ fn pictures_keep_to_a_time() {
         (&0.into(), &"few-replicates".into()),
         "{found}"
     );
+    assert_eq!((&found["error"], &found["paths"][0]), (&Value::Null, &1.0.into()), "{found}");
+    let film = planes(&work, "short.exr");
+    assert!(film.plane("error.V").unwrap().iter().all(|v| *v == f32::INFINITY));
+    assert!(film.rgba.iter().all(|[r, ..]| *r > 0.0));
 }
 
 #[test]
@@ -119,6 +124,11 @@ fn what_contradicts_is_refused() {
         "render @plume.vdb --views 1 --size 8x8 --target-error 0.1 -o x.exr",
         Code::Invalid,
         &["--target-error", "nothing is scattered"],
+    );
+    work.refused(
+        "render @plume.vdb --views 1 --size 8x8 --albedo 0.9 --samples 4 --confidence 0.9 -o x.exr",
+        Code::Invalid,
+        &["--confidence", "no error is stated"],
     );
     assert!(!work.path("x.exr").exists());
 }

@@ -217,15 +217,15 @@ impl fmt::Display for AccuracyReport {
             None => write!(f, "  no error is known of any of {blocks} blocks of 8x8 pixels")?,
         }
         for (doubt, words) in [
-            (Doubt::Wide, "have an error above the target"),
-            (Doubt::RareEvents, "have too few events that make their noise to be sure of it"),
-            (Doubt::NoLight, "scatter, and no path found light"),
-            (Doubt::FewReplicates, "have fewer than 8 replicates, and no error is stated"),
+            (Doubt::Wide, "an error above the target"),
+            (Doubt::RareEvents, "too few events that make the noise to be sure of it"),
+            (Doubt::NoLight, "a medium in which no path found light"),
+            (Doubt::FewReplicates, "fewer than 8 replicates"),
         ] {
             let all = self.pictures.iter().flat_map(|p| &p.doubtful).filter(|d| d.reason == doubt);
             let count: usize = all.map(|d| d.blocks).sum();
             if count > 0 {
-                write!(f, "\n    {count} blocks {words}")?;
+                write!(f, "\n    blocks of {words}: {count}")?;
             }
         }
         if self.stopped() {
