@@ -33,7 +33,7 @@ pub use crate::app::plan::PlanSettings;
 pub use crate::app::pose::PoseSettings;
 pub use crate::app::progress::{Event, Progress};
 pub use crate::app::reconstruct::{ColorSettings, DensitySettings, RegionSettings, TransferFunctionSettings};
-pub use crate::app::render::{AccuracySettings, RenderSettings};
+pub use crate::app::render::{AccuracySettings, MergeSettings, RenderSettings};
 pub use crate::app::report::PageSettings;
 pub use crate::app::selftest::SelftestSettings;
 pub use crate::app::transfer::TransferSettings;

@@ -195,7 +195,7 @@ fn add(hash: &mut Sha256, path: &Path) -> Result<()> {
 
 /// Returns the hash of a use case's settings but for those that `left_out` names; empty for settings that no JSON
 /// holds, of which nothing is known to be the same.
-fn hash_of_settings(use_case: &str, settings: &impl Serialize, left_out: &[&[&str]]) -> String {
+pub(crate) fn hash_of_settings(use_case: &str, settings: &impl Serialize, left_out: &[&[&str]]) -> String {
     let Ok(mut value) = serde_json::to_value(settings) else { return String::new() };
     if let Some(settings) = value.as_object_mut() {
         settings.retain(|name, _| !left_out.iter().any(|names| names.contains(&name.as_str())));

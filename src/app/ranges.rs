@@ -25,6 +25,14 @@ pub(crate) fn positive(setting: &str, value: impl Into<Option<f64>>) -> Result<(
     require(setting, value, value.is_finite() && value > 0.0, "a number above 0")
 }
 
+/// Refuses a probability that is not above 0 and below 1.
+///
+/// # Errors
+/// If it is none.
+pub(crate) fn probability(setting: &str, value: f64) -> Result<()> {
+    require(setting, value, value > 0.0 && value < 1.0, "a probability above 0 and below 1")
+}
+
 /// Refuses a whole number that is not from `least` to `most`.
 ///
 /// # Errors

@@ -16,6 +16,7 @@ mod info;
 mod log;
 mod man;
 mod memory;
+mod merge;
 mod motion;
 mod output;
 mod parse;
@@ -48,7 +49,7 @@ use crate::app::info::InfoSettings;
 use crate::app::motion::MotionSettings;
 use crate::app::plan::PlanSettings;
 use crate::app::pose::PoseSettings;
-use crate::app::render::RenderSettings;
+use crate::app::render::{MergeSettings, RenderSettings};
 use crate::app::report::PageSettings;
 use crate::app::selftest::SelftestSettings;
 use crate::app::validate::ValidateSettings;
@@ -110,6 +111,7 @@ enum Command {
     Completions(completions::Completions),
     Info(InfoSettings),
     Man(man::ManCommand),
+    Merge(MergeSettings),
     Motion(MotionSettings),
     Plan(PlanSettings),
     Validate(ValidateSettings),
@@ -148,6 +150,7 @@ impl Command {
             Self::Gradient(s) => s,
             Self::Info(s) => s,
             Self::Man(c) => c,
+            Self::Merge(s) => s,
             Self::Motion(s) => s,
             Self::Plan(s) => s,
             Self::Pose(s) => s,

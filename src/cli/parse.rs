@@ -35,6 +35,15 @@ pub(crate) fn duration(text: &str) -> Result<f64, String> {
     positive(&seconds.as_secs_f64().to_string())
 }
 
+/// Parses a whole number, or the first and the last of some: `3`, `0-7`.
+pub(crate) fn range(text: &str) -> Result<[u32; 2], String> {
+    let (first, last) = text.split_once('-').unwrap_or((text, text));
+    match (first.parse(), last.parse()) {
+        (Ok(first), Ok(last)) if first <= last => Ok([first, last]),
+        _ => Err(format!("'{text}' is no number such as 3, and no range such as 0-7")),
+    }
+}
+
 /// Parses an exposure in stops, from -60 to 60: beyond, every float is black or white.
 pub(crate) fn exposure(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v.abs() <= 60.0 { Ok(v) } else { Err(format!("'{text}' must be from -60 to 60")) })

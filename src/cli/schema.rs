@@ -57,6 +57,7 @@ kinds! {
     Gradient: "gradient" => app::gradient::GradientReport;
     Info: "info" => app::info::InfoReport;
     Man: "man" => man::Report;
+    Merge: "merge" => app::render::MergeReport;
     Motion: "motion" => app::motion::MotionReport;
     Plan: "plan" => app::plan::PlanReport;
     Pose: "pose" => app::pose::PoseReport;

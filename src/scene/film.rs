@@ -1,6 +1,7 @@
 //! A picture: RGBA pixels and further named planes.
 
 use glam::{DMat3, DVec3};
+use std::ops::Range;
 
 /// Scene-linear premultiplied RGBA and named planes over one raster, row-major from the top left.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +37,29 @@ impl Film {
     /// A film of the given pixels without further planes.
     pub fn of(width: usize, height: usize, rgba: Vec<[f32; 4]>) -> Self {
         Self { width, height, rgba, samples: 0, planes: Vec::new() }
+    }
+
+    /// Returns a part of the picture, by its columns and rows, with its planes.
+    ///
+    /// # Panics
+    /// If the part reaches out of the picture.
+    #[must_use]
+    pub fn part(&self, [columns, rows]: [Range<usize>; 2]) -> Self {
+        fn of<T: Copy>(values: &[T], width: usize, columns: &Range<usize>, rows: &Range<usize>) -> Vec<T> {
+            let row = |y: usize| &values[y * width..][columns.clone()];
+            rows.clone().flat_map(row).copied().collect()
+        }
+        let planes = self
+            .planes
+            .iter()
+            .map(|plane| Plane { name: plane.name.clone(), samples: of(&plane.samples, self.width, &columns, &rows) });
+        Self {
+            width: columns.len(),
+            height: rows.len(),
+            rgba: of(&self.rgba, self.width, &columns, &rows),
+            samples: self.samples,
+            planes: planes.collect(),
+        }
     }
 
     /// Multiplies the color of each pixel by a matrix, such as one between primaries.

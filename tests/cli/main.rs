@@ -28,6 +28,7 @@ mod gradient;
 mod guide;
 mod imaging;
 mod info;
+mod merge;
 mod nanovdb;
 mod outputs;
 mod pictures;

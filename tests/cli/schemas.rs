@@ -122,6 +122,10 @@ fn documents_of_every_command_are_what_their_schemas_say() {
     ok("transfer", "transfer --list");
     ok("transfer", "transfer f.tf.json -o g.tf.json");
     all.check("denoise", "denoise frames/frame.####.exr -o quiet/frame.####.exr", 2);
+    for seed in [3, 4] {
+        ok("render", &format!("render @plume.vdb --views 1 --size 8x8 --albedo 0.9 --seed {seed} -o seed{seed}.exr"));
+    }
+    ok("merge", "merge seed3.exr seed4.exr -o both.exr");
     ok("motion", "motion @plume.vdb --cameras cap --frames 0-1 --samples 1 -o motion.####.exr");
     ok("capture-convert", "capture convert cap -o flat");
     ok("usd-author", "usd author @plume.vdb -o s.usda");
@@ -148,6 +152,7 @@ fn documents_of_failures_are_what_their_schemas_say() {
         ("gradient", "gradient bad.vdb --views 1 --loss mean --wrt camera"),
         ("info", "info"),
         ("man", "man -o bad.vdb"),
+        ("merge", "merge none.exr -o out.exr"),
         ("motion", "motion bad.vdb --cameras none --frames 0-1 -o out.####.exr"),
         ("plan", "plan none.vdb"),
         ("pose", "pose none --volume @plume.vdb -o out.json"),

@@ -20,7 +20,7 @@ const fn case(words: &'static str, inputs: &'static [&'static str], outputs: &'s
 
 const CAPTURE: &[&str] = &["in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"];
 
-pub const ALL: [Case; 35] = [
+pub const ALL: [Case; 36] = [
     case(
         "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --view 0 --size 4x4 --png --overwrite -o out",
         &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"],
@@ -51,6 +51,7 @@ pub const ALL: [Case; 35] = [
         &["in/stage.usda", "in/cube.vdb", "in/sky.exr"],
         &["out/view_000.exr", "out/transforms.json"],
     ),
+    case("merge in/n0.exr in/n1.exr --overwrite -o out/n.exr", &["in/n0.exr", "in/n1.exr"], &["out/n.exr"]),
     case(
         "denoise in/cap/view_%03d.exr -o out/q_%03d.exr --motion files:in/m_###.exr --overwrite",
         &["in/m_000.exr", "in/m_003.exr", "in/cap/view_001.exr"],

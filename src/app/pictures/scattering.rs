@@ -212,10 +212,11 @@ impl ScatteringSettings {
         self.paths_of(self.samples(), self.seed_of(view))
     }
 
-    /// Returns that many paths of a view, whose random numbers are those of a stream of their own.
+    /// Returns that many paths of a view, whose random numbers are those of a stream of their own; stream 0 has those
+    /// of [`Self::sampling`].
     pub(super) fn replicate(&self, view: usize, samples: u32, stream: u64) -> Sampling {
         // Fibonacci hashing: streams of a view, and seeds that differ little, have nothing in common.
-        self.paths_of(samples, self.seed_of(view) ^ (stream + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15))
+        self.paths_of(samples, self.seed_of(view) ^ stream.wrapping_mul(0x9E37_79B9_7F4A_7C15))
     }
 
     fn seed_of(&self, view: usize) -> u64 {

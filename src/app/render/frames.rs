@@ -2,6 +2,7 @@
 //! is done; one that fails does not stop the others.
 
 use super::accuracy::{AccuracyReport, Deadline, PictureError};
+use super::begun::{Pictured, is_stopped};
 use super::sequence::{Done, Sequence, Shot};
 use super::target::Target;
 use super::visibility::Visibility;
@@ -250,7 +251,7 @@ impl Sequence<'_> {
             let path = &frames[place].1;
             let earlier = self.state(number, path);
             let made = match earlier {
-                Earlier::Whole => {
+                Earlier::Whole if !is_stopped(path) => {
                     self.deadline.skip();
                     None
                 }
@@ -403,22 +404,24 @@ impl Sequence<'_> {
         let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
         let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
         self.render.accuracy.check_paths(matches!(renderer.renderer, Renderer::Paths(_)))?;
+        let pictured =
+            Pictured { provenance: &shot.provenance, pictures: &self.pictures, number: number as usize, camera };
+        let earlier = pictured.begun(self.render, path);
         let view = (number as usize, view, turn);
-        let (rendered, error) = self.render.picture(&renderer, view, (&self.cancel, progress), context)?;
-        // Frames that are there are done.
-        if error.as_ref().is_some_and(PictureError::is_stopped) {
-            return Err(Error::cancelled());
-        }
+        let (rendered, error) = self.render.picture(&renderer, view, earlier, (&self.cancel, progress), context)?;
         let Rendered { film, counts } = rendered;
         self.visibility.add(&film);
         self.inputs.extend(shot.provenance.inputs.clone());
-        let mut attributes = shot.provenance.attributes();
+        let mut attributes = pictured.attributes(self.render, &renderer.renderer, error.as_ref());
         attributes.insert("cumulo:frame".into(), number.to_string());
-        error.iter().for_each(|error| error.describe(&self.render.accuracy, &mut attributes));
         let whole = self.pictures.whole(self.target, self.template.as_ref().and_then(|c| c.frames.first()));
         for file in self.render.files_of(path) {
             self.render.write_picture(&file, &film, &attributes, whole)?;
         }
-        Ok((counts, error))
+        // A frame that was stopped is there to go on from, and the last.
+        match error.as_ref().is_some_and(PictureError::is_stopped) {
+            true => Err(Error::cancelled()),
+            false => Ok((counts, error)),
+        }
     }
 }

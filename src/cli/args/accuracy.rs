@@ -15,6 +15,10 @@ struct AccuracyArgs {
     /// Read, render and write all pictures in this time, with the smallest error that it allows: 90, 60s, 2m, 1h30m
     #[arg(long = "time", value_name = "D", value_parser = parse::duration, conflicts_with = "samples")]
     time_limit: Option<f64>,
+    /// Render these of a picture's independent replicates alone, of --samples paths each: on a farm each machine has some
+    /// of them, and `cumulo merge` joins what they render. They are numbered from 0
+    #[arg(long, value_name = "A-B", value_parser = parse::range, conflicts_with_all = ["time_limit", "target_error"])]
+    replicates: Option<[u32; 2]>,
     /// Probability with which the truth is within the stated error of a block
     #[arg(long = "confidence", value_name = "C", default_value_t = 0.95, value_parser = parse::probability)]
     confidence_level: f64,
@@ -22,7 +26,8 @@ struct AccuracyArgs {
 
 impl From<AccuracyArgs> for AccuracySettings {
     fn from(args: AccuracyArgs) -> Self {
-        Self { target_error: args.target_error, time: args.time_limit, confidence: args.confidence_level }
+        let AccuracyArgs { target_error, time_limit: time, replicates, confidence_level: confidence } = args;
+        Self { target_error, time, replicates, confidence }
     }
 }
 

@@ -67,6 +67,13 @@ const TABLE: &[Examples] = &[
     ),
     ("info", &["cumulo info smoke.vdb shots view.exr", "cumulo info 'smoke.####.vdb' --frames 1-24 --json"]),
     ("man", &["cumulo man render", "cumulo man -o ~/.local/share/man/man1"]),
+    (
+        "merge",
+        &[
+            "cumulo merge part-0.exr part-1.exr -o whole.exr",
+            "cumulo merge farm/part-*.exr --confidence 0.99 -o whole.exr",
+        ],
+    ),
     ("motion", &["cumulo motion smoke.vdb --cameras path --frames 0-23 -o 'motion/frame.%04d.exr'"]),
     (
         "plan",

@@ -118,6 +118,7 @@ const TABLE: [(&str, &[&str]); 10] = [
             "supersample",
             "target_error",
             "time_limit",
+            "replicates",
             "confidence_level",
             "samples",
             "seed",

@@ -3,6 +3,7 @@
 use super::decode::{self, Row, Source};
 use super::header::{self, Header, LayerInfo};
 use super::read::read_within;
+use super::write::Placement;
 use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
@@ -125,6 +126,23 @@ pub fn read_film_within(path: &Path, layer: Option<&str>, limits: Limits) -> Res
         film.planes.extend(others.map(|c| Plane { name: format!("{prefix}{}", c.name), samples: c.samples }));
     }
     Ok(film)
+}
+
+/// Reads the part of a picture that its data window holds, as [`read_film_within`] does the whole.
+///
+/// # Errors
+/// The conditions are those of [`read_film_within`].
+pub(crate) fn read_part_within(path: &Path, limits: Limits) -> Result<(Film, Placement)> {
+    let header = header::header(path)?;
+    let (display, data) = (header.display_window, header.data_window);
+    let film = read_film_within(path, None, limits)?;
+    let side = |axis: usize| {
+        let within = |at: i64| (at - i64::from(display.min[axis])).clamp(0, display.size[axis] as i64) as usize;
+        within(data.min[axis].into())..within(data.end(axis))
+    };
+    let (columns, rows) = (side(0), side(1));
+    let placement = Placement { display: display.size, origin: [columns.start, rows.start] };
+    Ok((film.part([columns, rows]), placement))
 }
 
 /// Numbers, within the part, of the channels of a layer's picture: grey, grey and alpha, RGB, or RGBA. `None` if the

@@ -2,6 +2,7 @@
 
 use super::halves::VARIANCE_BYTES;
 use super::pixel::Pixel;
+use super::stored::PLANES as STORED;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
 /// An additional plane of a picture, or a layer of planes (arbitrary output variable).
@@ -36,6 +37,9 @@ pub enum Aov {
     /// Radiance of two halves of the paths, whose random numbers are independent, as planes `half_a.R`, `.G`, `.B` and
     /// `half_b.R`, `.G`, `.B`: those of camera rays of even and of odd number.
     Halves,
+    /// Sums over independent replicates, as 31 planes of the layer `replicates`, by which pictures of a wanted error or
+    /// time are joined.
+    Replicates,
 }
 
 impl Aov {
@@ -53,6 +57,7 @@ impl Aov {
             Self::Motion => "motion",
             Self::Samples => "samples",
             Self::Halves => "halves",
+            Self::Replicates => "replicates",
         }
     }
 
@@ -72,7 +77,7 @@ impl Aov {
         }
         match self {
             // Of pixels together.
-            Aov::Variance => Vec::new(),
+            Aov::Variance | Aov::Replicates => Vec::new(),
             Aov::OpticalDepth => {
                 vec![Layer::new("optical_depth", &["V"], |p, n| {
                     [(p.optical_depth / f64::from(n)) as f32, 0.0, 0.0, 0.0]
@@ -125,6 +130,7 @@ impl Layer {
 pub fn bytes_per_pixel(aovs: &[Aov]) -> u64 {
     let of = |aov: &Aov| match aov {
         Aov::Variance => VARIANCE_BYTES + 2 * 4 * 4,
+        Aov::Replicates => 2 * 4 * STORED,
         _ => 3 * 4 * aov.layers().iter().map(|layer| layer.channels.len() as u64).sum::<u64>(),
     };
     aovs.iter().map(of).sum()

@@ -6,6 +6,7 @@ mod halves;
 mod pixel;
 mod replicates;
 mod sampling;
+mod stored;
 mod sum;
 mod view;
 

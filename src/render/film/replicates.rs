@@ -8,6 +8,7 @@ use super::blocks::Blocks;
 use super::pixel::Pixel;
 use super::sum::Sum;
 use super::{Film, Planes, Sampling, Shoot, View};
+use crate::error::{Error, Result};
 use crate::render::integrator::{Counts, Integrator};
 use crate::render::tiles::{self, Watch};
 use std::time::Instant;
@@ -31,17 +32,17 @@ pub struct PixelSums {
 }
 
 impl PixelSums {
-    /// Adds a replicate of this mean.
-    fn add(&mut self, paths: u32, mean: [f32; 4]) {
+    /// Creates the sums of one replicate: the mean of so many paths.
+    pub fn of(paths: u32, mean: [f32; 4]) -> Self {
         let n = f64::from(paths);
         let x = mean.map(f64::from);
-        self.merge(&Self {
+        Self {
             replicates: 1,
             paths: paths.into(),
             first: x.map(|x| Sum::product(n, x)),
             second: x.map(|x| Sum::product(n, x * x)),
             largest: mean,
-        });
+        }
     }
 
     /// Adds other replicates.
@@ -126,6 +127,35 @@ impl Replicates {
         }
     }
 
+    /// Creates a picture from the sums of each pixel, row-major, over a number of replicates. Planes beside RGBA, but
+    /// for the variance, will tell of what is added.
+    ///
+    /// # Errors
+    /// If there are not as many sums as pixels.
+    pub fn of_sums(size: [usize; 2], aovs: &[Aov], sums: Vec<PixelSums>, replicates: u32) -> Result<Self> {
+        let picture = Self::new(size, aovs);
+        if sums.len() != picture.sums.len() {
+            let found = format!("sums of {} pixels for a picture of {}x{}", sums.len(), size[0], size[1]);
+            return Err(Error::invalid(found).hint("give one for each pixel"));
+        }
+        Ok(Self { sums, added: replicates, ..picture })
+    }
+
+    /// Adds the replicates of another picture of the same size.
+    ///
+    /// # Errors
+    /// If its size is another.
+    pub fn merge(&mut self, other: &Self) -> Result<()> {
+        if other.size != self.size {
+            let [a, b] = [self.size, other.size].map(|[width, height]| format!("{width}x{height}"));
+            return Err(Error::invalid(format!("pictures of {a} and {b} pixels")).hint("give pictures of one size"));
+        }
+        self.sums.iter_mut().zip(&other.sums).for_each(|(sums, other)| sums.merge(other));
+        self.counts = self.counts.plus(other.counts);
+        self.added += other.added;
+        Ok(())
+    }
+
     /// Renders a replicate and adds it. `sampling` are the rays of each block's pixels, random ones, or `None` for
     /// none. Returns false, and adds nothing, if the watch stopped it.
     pub fn add<'c, 'w, I: Integrator>(
@@ -157,7 +187,7 @@ impl Replicates {
         };
         for (i, Traced { mean, paths, seconds }) in traced.into_iter().enumerate() {
             if paths > 0 {
-                self.sums[i].add(paths, mean);
+                self.sums[i].merge(&PixelSums::of(paths, mean));
                 self.seconds[blocks.of([i % self.size[0], i / self.size[0]])] += f64::from(seconds);
             }
         }
@@ -223,7 +253,7 @@ mod tests {
 
     fn sums(means: &[(u32, f32)]) -> PixelSums {
         let mut sums = PixelSums::default();
-        means.iter().for_each(|(paths, mean)| sums.add(*paths, [*mean; 4]));
+        means.iter().for_each(|(paths, mean)| sums.merge(&PixelSums::of(*paths, [*mean; 4])));
         sums
     }
 

@@ -1,0 +1,112 @@
+//! What pictures state of how they are made, and pictures that were stopped before they were done.
+
+use super::RenderSettings;
+use super::accuracy::{Made, PictureError, REPLICATES, SAMPLES, SCENE, STOPPED, Streams};
+use crate::app::pictures::PictureSettings;
+use crate::app::provenance::{self, Provenance};
+use crate::error::Result;
+use crate::formats::exr::{self, Attributes};
+use crate::formats::protected;
+use crate::formats::registry::EXR;
+use crate::render::film::Replicates;
+use crate::render::renderer::Renderer;
+use crate::scene::camera::Camera;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Settings on which the expected values of a picture do not depend, or whose content is known otherwise: that of its
+/// inputs by their bytes, that of its view by its camera and its number.
+const APART: [&str; 21] = [
+    "output",
+    "overwrite",
+    "png",
+    "exposure",
+    "frames",
+    "resume",
+    "aov",
+    "velocity",
+    "fps",
+    "target_error",
+    "time",
+    "replicates",
+    "confidence",
+    "input",
+    "cameras",
+    "views",
+    "view",
+    "frame",
+    "samples",
+    "seed",
+    "max_memory",
+];
+
+/// A picture that is to be rendered.
+#[derive(Clone, Copy)]
+pub(super) struct Pictured<'p> {
+    pub provenance: &'p Provenance,
+    /// Settings, with what the frames of a sequence have settled.
+    pub pictures: &'p PictureSettings,
+    /// Number of the view or frame.
+    pub number: usize,
+    pub camera: &'p Camera,
+}
+
+impl Pictured<'_> {
+    /// Returns the hash of what the picture shows: pictures of the same one have the same expected values.
+    fn scene(&self, settings: &RenderSettings) -> String {
+        let settings = RenderSettings { pictures: self.pictures.clone(), ..settings.clone() };
+        let mut value = serde_json::to_value(&settings).unwrap_or_default();
+        if let Value::Object(settings) = &mut value {
+            settings.retain(|name, _| !APART.contains(&name.as_str()));
+        }
+        let mut inputs: Vec<&String> = self.provenance.inputs.values().collect();
+        inputs.sort_unstable();
+        let camera = format!("{:?}", self.camera);
+        let whole = json!({ "settings": value, "inputs": inputs, "number": self.number, "camera": camera });
+        provenance::hash_of_settings("picture", &whole, &[])
+    }
+
+    /// Returns the attributes of the picture: where it comes from, and what it can be joined with and goes on from.
+    pub(super) fn attributes(
+        &self,
+        settings: &RenderSettings,
+        renderer: &Renderer<'_>,
+        error: Option<&PictureError>,
+    ) -> Attributes {
+        let mut all = self.provenance.attributes();
+        if !matches!(renderer, Renderer::Paths(_)) {
+            return all;
+        }
+        all.insert(SCENE.into(), self.scene(settings));
+        match error {
+            Some(error) => error.describe(&settings.accuracy, &mut all),
+            None => {
+                let scattering = &settings.pictures.scattering;
+                all.insert(REPLICATES.into(), Streams::one(scattering.seed.unwrap_or(0)).to_string());
+                all.insert(SAMPLES.into(), scattering.samples().to_string());
+            }
+        }
+        all
+    }
+
+    /// Returns the replicates of the picture that an earlier run of the same settings, which was stopped, has left at a
+    /// path; `None` if there are none to go on from.
+    pub(super) fn begun(&self, settings: &RenderSettings, path: &Path) -> Option<Made> {
+        if !(settings.resume && settings.sums_tell_all() && is_stopped(path)) {
+            return None;
+        }
+        let read = protected::unprotected(path, || Made::read(path, self.pictures.limits)).ok()?;
+        if read.attributes.get(SCENE) != Some(&self.scene(settings)) {
+            return None;
+        }
+        let Made { replicates: made, streams } = read.made;
+        let replicates = Replicates::of_sums(made.size(), &settings.aov, made.sums().to_vec(), made.count()).ok()?;
+        Some(Made { replicates, streams })
+    }
+}
+
+/// True if a picture was stopped before it was done.
+pub(super) fn is_stopped(path: &Path) -> bool {
+    let stopped = || Ok(exr::header(path)?.attributes().contains_key(STOPPED));
+    EXR.has_name(path) && protected::unprotected(path, || -> Result<bool> { stopped() }).unwrap_or(false)
+}

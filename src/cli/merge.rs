@@ -1,0 +1,45 @@
+//! `cumulo merge`: pictures of one scene joined.
+
+use super::args::read_as;
+use super::memory::Memory;
+use super::parse;
+use crate::app::render::MergeSettings;
+use std::path::PathBuf;
+
+/// Join path-traced pictures of the same scene and view that were rendered apart: a farm's replicates, or other seeds
+///
+/// Pictures are weighted by their paths. Those of render --replicates A-B are joined to the bits of the picture that one
+/// machine would have rendered, whatever their order; the error of the whole is stated, and the result can be joined
+/// again.
+#[derive(Debug, clap::Args)]
+struct MergeArgs {
+    /// Pictures by render: parts of --replicates A-B, of different --seed, or joined ones; with --target-error or --time
+    /// those of --aov replicates
+    #[arg(value_name = "PICTURE", required = true)]
+    inputs: Vec<PathBuf>,
+    /// OpenEXR of the joined picture
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    /// Replace the output, whoever made it
+    #[arg(long)]
+    overwrite: bool,
+    /// Probability with which the truth is within the stated error of a block
+    #[arg(long = "confidence", value_name = "C", default_value_t = 0.95, value_parser = parse::probability)]
+    confidence_level: f64,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+impl From<MergeArgs> for MergeSettings {
+    fn from(args: MergeArgs) -> Self {
+        Self {
+            inputs: args.inputs,
+            output: args.output,
+            overwrite: args.overwrite,
+            confidence: args.confidence_level,
+            limits: args.memory.limits(),
+        }
+    }
+}
+
+read_as!(MergeSettings, MergeArgs);
