@@ -77,6 +77,15 @@ impl<'a> DirectRenderer<'a> {
         }
     }
 
+    /// Returns the radiance that the errors of pre-integration and of the early stop are fractions of: the brightest of
+    /// medium and background, at least the 1 of alpha.
+    pub fn unit(&self) -> f64 {
+        match self {
+            Self::Density(dvr) => dvr.unit(),
+            Self::PreShaded(volume) => volume.unit(),
+        }
+    }
+
     /// Returns a bound of the error that the quadrature makes in any channel of a pixel; `None` where none is stated.
     pub fn quadrature_error(&self) -> Option<f64> {
         match self {

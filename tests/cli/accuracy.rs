@@ -104,6 +104,43 @@ fn pictures_keep_to_a_time() {
     assert!(film.rgba.iter().all(|[r, ..]| *r > 0.0));
 }
 
+/// Along straight rays the stated error bounds that of every pixel, and is not larger than the wanted one.
+#[test]
+fn straight_rays_keep_to_a_wanted_error() {
+    let work = Work::new();
+    for (scene, loose) in [
+        ("--density-scale 30", "exact"),
+        ("--density-scale 30 --model emission-absorption --emission 3,1,0.2", "exact"),
+        ("--tf ct-bone --tf-range 0,1 --density-scale 20", "preintegrated"),
+    ] {
+        let words = format!("render @plume.vdb --views 2 --size 40x32 {scene}");
+        work.json(&format!("{words} --quadrature exact --early-stop 0 -o true"));
+        for wanted in [0.1, 0.003] {
+            let report = work.json(&format!("{words} --target-error {wanted} -o {wanted}"));
+            let stated = report["relative_error_bound"].as_f64().unwrap();
+            assert!(stated > 0.3 * wanted && stated <= wanted, "{scene}: {stated} of {wanted}");
+            assert!(report["quadrature"].as_str().unwrap().starts_with(loose), "{report}");
+            for view in ["view_000.exr", "view_001.exr"] {
+                let [truth, made] =
+                    ["true".to_owned(), wanted.to_string()].map(|at| planes(&work, &format!("{at}/{view}")));
+                let attributes = exr::header(&work.path(&format!("{wanted}/{view}"))).unwrap().attributes();
+                let number = |key: &str| attributes[key].parse::<f64>().unwrap();
+                let pairs = truth.rgba.iter().flatten().zip(made.rgba.iter().flatten());
+                let off = f64::from(pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max));
+                assert!(off <= number("cumulo:error_bound") + 1e-6, "{scene}: {off}");
+                assert!(number("cumulo:error") <= stated && stated <= wanted, "{attributes:?}");
+            }
+        }
+    }
+    let black = work.json("render @plume.vdb --views 1 --size 8x8 --background 0 --target-error 0.1 -o black.exr");
+    assert_eq!(black["relative_error_bound"], 0.0);
+    for words in ["--quadrature exact", "--early-stop 0.1", "--time 3", "--replicates 0-7"] {
+        let words = format!("render @plume.vdb --views 1 --size 8x8 {words}");
+        let target = if words.contains("--time") || words.contains("--rep") { "" } else { "--target-error 0.1" };
+        work.refused(&format!("{words} {target} -o x.exr"), Code::Invalid, &[]);
+    }
+}
+
 #[test]
 fn what_contradicts_is_refused() {
     let work = Work::new();
@@ -121,9 +158,9 @@ fn what_contradicts_is_refused() {
         work.refused(&format!("render @plume.vdb --views 1 --size 8x8 {words} -o x.exr"), Code::Usage, &[]);
     }
     work.refused(
-        "render @plume.vdb --views 1 --size 8x8 --target-error 0.1 -o x.exr",
+        "render @plume.vdb --views 1 --size 8x8 --time 3 -o x.exr",
         Code::Invalid,
-        &["--target-error", "nothing is scattered"],
+        &["--time", "nothing is scattered"],
     );
     work.refused(
         "render @plume.vdb --views 1 --size 8x8 --albedo 0.9 --samples 4 --confidence 0.9 -o x.exr",

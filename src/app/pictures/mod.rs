@@ -11,5 +11,6 @@ mod stage;
 pub(crate) mod subject;
 
 pub(in crate::app) use capture::Cameras;
+pub(crate) use settings::EARLY_STOP;
 pub use settings::{DensityScale, PictureSettings, PlanningSettings};
 pub(crate) use stage::SIZE;

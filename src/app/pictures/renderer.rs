@@ -15,6 +15,9 @@ use std::fmt;
 pub(in crate::app) struct SceneRenderer<'a> {
     /// Renderer.
     pub renderer: Renderer<'a>,
+    /// Quadrature along straight rays, and the transmittance at which they end.
+    pub quadrature: Quadrature,
+    pub early_stop: f64,
     /// Straight rays along each edge of a pixel.
     rays_per_edge: usize,
 }
@@ -67,7 +70,8 @@ impl PictureSettings {
                 Renderer::Direct(direct.early_stop(self.early_stop))
             }
         };
-        Ok(SceneRenderer { renderer, rays_per_edge: self.rays_per_edge(paths) })
+        let (quadrature, early_stop) = (self.quadrature(scene), self.early_stop);
+        Ok(SceneRenderer { renderer, quadrature, early_stop, rays_per_edge: self.rays_per_edge(paths) })
     }
 
     /// Returns the rays of a picture, a view or a frame, by its number.

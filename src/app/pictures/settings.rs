@@ -82,6 +82,9 @@ pub struct PictureSettings {
     pub limits: Limits,
 }
 
+/// Transmittance at which rays end unless stated.
+pub(crate) const EARLY_STOP: f64 = 1e-6;
+
 impl Default for PictureSettings {
     fn default() -> Self {
         Self {
@@ -103,7 +106,7 @@ impl Default for PictureSettings {
             emission_model: None,
             transfer: TransferSettings::default(),
             quadrature: None,
-            early_stop: 1e-6,
+            early_stop: EARLY_STOP,
             supersample: 1,
             grid: None,
             scattering: ScatteringSettings::default(),

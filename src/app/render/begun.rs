@@ -1,8 +1,9 @@
 //! What pictures state of how they are made, and pictures that were stopped before they were done.
 
-use super::RenderSettings;
 use super::accuracy::{Made, PictureError, REPLICATES, SAMPLES, SCENE, STOPPED, Streams};
+use super::{RenderSettings, straight};
 use crate::app::pictures::PictureSettings;
+use crate::app::pictures::renderer::SceneRenderer;
 use crate::app::provenance::{self, Provenance};
 use crate::error::Result;
 use crate::formats::exr::{self, Attributes};
@@ -11,6 +12,7 @@ use crate::formats::registry::EXR;
 use crate::render::film::Replicates;
 use crate::render::renderer::Renderer;
 use crate::scene::camera::Camera;
+use crate::scene::film::Film;
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -70,11 +72,12 @@ impl Pictured<'_> {
     pub(super) fn attributes(
         &self,
         settings: &RenderSettings,
-        renderer: &Renderer<'_>,
-        error: Option<&PictureError>,
+        renderer: &SceneRenderer<'_>,
+        (film, error): (&Film, Option<&PictureError>),
     ) -> Attributes {
         let mut all = self.provenance.attributes();
-        if !matches!(renderer, Renderer::Paths(_)) {
+        if !matches!(renderer.renderer, Renderer::Paths(_)) {
+            straight::describe(renderer, film, settings.accuracy.target_error.is_some(), &mut all);
             return all;
         }
         all.insert(SCENE.into(), self.scene(settings));

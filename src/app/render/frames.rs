@@ -400,8 +400,9 @@ impl Sequence<'_> {
             _ => self.shot(place, number, context)?,
         };
         let shot = self.shot.insert(shot);
-        let renderer = self.pictures.renderer(shot.plan.as_ref(), &shot.scene, shot.paths)?;
         let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
+        let (plan, scene) = (shot.plan.as_ref(), (&shot.scene, shot.paths));
+        let renderer = self.render.renderer(&self.pictures, plan, scene, &[*camera], &self.cancel)?;
         let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
         self.render.accuracy.check_paths(matches!(renderer.renderer, Renderer::Paths(_)))?;
         let pictured =
@@ -412,7 +413,7 @@ impl Sequence<'_> {
         let Rendered { film, counts } = rendered;
         self.visibility.add(&film);
         self.inputs.extend(shot.provenance.inputs.clone());
-        let mut attributes = pictured.attributes(self.render, &renderer.renderer, error.as_ref());
+        let mut attributes = pictured.attributes(self.render, &renderer, (&film, error.as_ref()));
         attributes.insert("cumulo:frame".into(), number.to_string());
         let whole = self.pictures.whole(self.target, self.template.as_ref().and_then(|c| c.frames.first()));
         for file in self.render.files_of(path) {

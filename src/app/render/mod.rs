@@ -6,6 +6,7 @@ mod folder;
 mod frames;
 mod merge;
 mod sequence;
+mod straight;
 mod target;
 mod views;
 mod visibility;
@@ -162,7 +163,7 @@ impl RenderSettings {
         let _inputs = inputs::protect(self.pictures.inputs(), self.pictures.limits);
         self.pictures.check()?;
         ranges::positive("fps", self.fps)?;
-        self.accuracy.check(self.pictures.scattering.samples)?;
+        self.accuracy.check(&self.pictures)?;
         if let Some(input) = self.pictures.sequence_of_folder()? {
             let pictures = PictureSettings { input, ..self.pictures.clone() };
             return Self { pictures, ..self.clone() }.begun_at(begun, context);

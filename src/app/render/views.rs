@@ -4,7 +4,7 @@ use super::accuracy::{AccuracyReport, Deadline, PictureError, Turn};
 use super::begun::{Pictured, is_stopped};
 use super::target::Target;
 use super::visibility::Visibility;
-use super::{RenderSettings, fits, remarks};
+use super::{RenderSettings, fits, remarks, straight};
 use crate::app::Context;
 use crate::app::earlier::{self, Earlier, Keys, Policy};
 use crate::app::pictures::Cameras;
@@ -27,7 +27,6 @@ use crate::render::integrator::Counts;
 use crate::render::renderer::Renderer;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Model};
-use crate::scene::scene::Scene;
 use crate::wording::all_worded;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -75,6 +74,9 @@ enum Integration {
         /// no bound is known.
         quadrature_error_bound: Option<f64>,
         early_stop: EarlyStop,
+        /// Bound of both errors by the scale of the picture, the largest of all pictures, if an error was asked for.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        relative_error_bound: Option<f64>,
     },
     /// Along paths.
     Paths { paths: Paths },
@@ -113,6 +115,7 @@ impl fmt::Display for ViewsReport {
                 quadrature,
                 quadrature_error_bound,
                 early_stop: EarlyStop { transmittance, error_bound },
+                relative_error_bound,
             }) => {
                 let quadrature_error = match quadrature_error_bound {
                     Some(bound) => format!("integrates within {bound:.1e}"),
@@ -124,6 +127,9 @@ impl fmt::Display for ViewsReport {
                     "  quadrature {quadrature} {quadrature_error}; the early stop at transmittance {transmittance:e} \
                      leaves out at most {error_bound:.1e}"
                 )?;
+                if let Some(bound) = relative_error_bound {
+                    write!(f, "\n  error {:.2} % of the scale at most, of every pixel", 100.0 * bound)?;
+                }
             }
             Some(Integration::Paths { paths }) => write!(f, "{paths}")?,
             None => write!(f, "  it was there, made by the same settings")?,
@@ -220,14 +226,14 @@ impl RenderSettings {
     fn integration(
         &self,
         renderer: &SceneRenderer<'_>,
-        scene: &Scene,
-        (counts, errors): (Counts, &[PictureError]),
+        (counts, errors, bound): (Counts, &[PictureError], Option<f64>),
     ) -> Integration {
         match &renderer.renderer {
             Renderer::Direct(dvr) => Integration::Dvr {
-                quadrature: self.pictures.quadrature(scene).to_string(),
+                quadrature: renderer.quadrature.to_string(),
                 quadrature_error_bound: dvr.quadrature_error(),
-                early_stop: EarlyStop { transmittance: self.pictures.early_stop, error_bound: dvr.left_out() },
+                early_stop: EarlyStop { transmittance: renderer.early_stop, error_bound: dvr.left_out() },
+                relative_error_bound: bound,
             },
             Renderer::Paths(_) => Integration::Paths { paths: self.paths(counts, errors) },
         }
@@ -281,17 +287,20 @@ impl Views<'_> {
         let scene = pictures.scene(&self.capture, subject).map_err(|e| e.at(&pictures.input))?;
         let (scene, plan) = settings.planned(pictures, scene, paths)?;
         plan.iter().for_each(|plan| context.detail(Chosen(plan)));
-        let renderer = pictures.renderer(plan.as_ref(), &scene, paths).map_err(|e| e.at(&pictures.input))?;
+        let renderer = settings
+            .renderer(pictures, plan.as_ref(), (&scene, paths), &scene.cameras, &self.cancel)
+            .map_err(|e| e.at(&pictures.input))?;
         let visibility = Visibility::default();
         settings.accuracy.check_paths(matches!(renderer.renderer, Renderer::Paths(_)))?;
         let deadline = Deadline::new(begun, &settings.accuracy, self.numbers.len());
-        let (counts, errors) = self.all(&renderer, &scene.cameras, &waiting, (deadline, &visibility), context)?;
+        let (counts, errors, bound) =
+            self.all(&renderer, &scene.cameras, &waiting, (deadline, &visibility), context)?;
         for remark in visibility.remarks(self.capture.transfer.is_some(), plan.as_ref()) {
             context.note(format!("remark: {remark}"));
             self.remarks.push(remark);
         }
         self.provenance.lap();
-        let way = settings.integration(&renderer, &scene, (counts, &errors));
+        let way = settings.integration(&renderer, (counts, &errors, bound));
         if let Some((waiting, json)) = &waiting_json {
             let mut extra = record(&self.provenance, plan.as_ref());
             way.record(paths.then_some(&pictures.scattering), &mut extra);
@@ -314,7 +323,7 @@ impl Views<'_> {
         waiting: &[Vec<PathBuf>],
         (mut deadline, visibility): (Deadline, &Visibility),
         context: &Context,
-    ) -> Result<(Counts, Vec<PictureError>)> {
+    ) -> Result<(Counts, Vec<PictureError>, Option<f64>)> {
         let Self { settings, numbers, whole, provenance, capture, cancel, .. } = self;
         let bar = context.pictures(numbers.len() as u64, "render");
         let view = |place: usize, turn: Turn| {
@@ -329,17 +338,22 @@ impl Views<'_> {
             }
             let Rendered { film, counts } = rendered;
             visibility.add(&film);
-            let attributes = pictured.attributes(settings, &renderer.renderer, error.as_ref());
+            let attributes = pictured.attributes(settings, renderer, (&film, error.as_ref()));
             waiting[place].iter().try_for_each(|file| settings.write_picture(file, &film, &attributes, *whole))?;
-            Ok((counts, error))
+            let bound = match &renderer.renderer {
+                Renderer::Direct(direct) if settings.accuracy.on() => Some(straight::relative_bound(direct, &film)),
+                _ => None,
+            };
+            Ok((counts, error, bound))
         };
-        let results: Vec<(Counts, Option<PictureError>)> = match settings.accuracy.on() {
+        let results: Vec<(Counts, Option<PictureError>, Option<f64>)> = match settings.accuracy.on() {
             true => (0..numbers.len()).map(|place| view(place, deadline.next())).collect::<Result<_>>()?,
             false => ordered::try_map((0..numbers.len()).into_par_iter(), |place| view(place, Turn::default()))?,
         };
         drop(bar);
-        let counts = results.iter().fold(Counts::default(), |sum, (counts, _)| sum.plus(*counts));
-        Ok((counts, results.into_iter().filter_map(|(_, error)| error).collect()))
+        let counts = results.iter().fold(Counts::default(), |sum, (counts, ..)| sum.plus(*counts));
+        let bound = results.iter().filter_map(|(.., bound)| *bound).reduce(f64::max);
+        Ok((counts, results.into_iter().filter_map(|(_, error, _)| error).collect(), bound))
     }
 
     fn report(self, outcome: Outcome) -> ViewsReport {

@@ -8,8 +8,9 @@ use crate::cli::parse;
 #[derive(Debug, clap::Args)]
 struct AccuracyArgs {
     /// Trace paths until the mean of each block of 8x8 pixels is within E times the picture's scale of the truth:
-    /// 0.01 for one per cent. The scale is the mean of the square roots of radiance, weighted by itself, and squared;
-    /// dark blocks have the same absolute error as bright ones
+    /// 0.01 for one per cent; along straight rays, choose --quadrature and --early-stop by it, for every pixel. The
+    /// scale is the mean of the square roots of radiance, weighted by itself, and squared; dark blocks have the same
+    /// absolute error as bright ones
     #[arg(long, value_name = "E", value_parser = parse::positive, conflicts_with_all = ["time_limit", "samples"])]
     target_error: Option<f64>,
     /// Read, render and write all pictures in this time, with the smallest error that it allows: 90, 60s, 2m, 1h30m

@@ -2,6 +2,7 @@
 
 use crate::metrics::statistical::probability::quantile;
 use crate::render::film::{Blocks, FEWEST, PixelSums, Replicates};
+use crate::scene::film::Film;
 use serde::Serialize;
 
 /// Fewest paths of a block that meet the medium, if any do, by which its noise is known.
@@ -69,6 +70,16 @@ pub struct Intervals {
 pub fn scale(radiance: impl IntoIterator<Item = f64>) -> f64 {
     let sums = radiance.into_iter().map(|r| r.max(0.0)).fold([0.0; 2], |[sum, root], r| [sum + r, root + r.sqrt()]);
     if sums[1] > 0.0 { (sums[0] / sums[1]).powi(2) } else { 0.0 }
+}
+
+/// Returns the [`scale`] of a picture, from the means of red, green and blue of its blocks.
+pub fn scale_of(film: &Film) -> f64 {
+    let grid = Blocks::new([film.width, film.height]);
+    let grey = |pixel: usize| film.rgba[pixel][..3].iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
+    scale((0..grid.count()).map(|block| {
+        let [sum, count] = grid.pixels(block).fold([0.0; 2], |[sum, n], pixel| [sum + grey(pixel), n + 1.0]);
+        sum / f64::max(count, 1.0)
+    }))
 }
 
 /// Variance of the mean of a block, with what is known of it.

@@ -521,7 +521,7 @@ impl<R: Precision> Composited<Dvr<'_, R>> {
 
     /// Returns the radiance that relative errors of a pixel are measured by: the brightest of medium and background, at
     /// least the 1 of alpha.
-    fn unit(&self) -> f64 {
+    pub(crate) fn unit(&self) -> f64 {
         self.medium.brightest().max(self.brightest_background()).max(1.0)
     }
 

@@ -127,8 +127,13 @@ impl<R: Real> Composited<Preshaded<'_, R>> {
     /// extinction, and at most T times the sum of background and emission along the box's diagonal; the picture has T
     /// times the background instead.
     pub fn left_out(&self) -> f64 {
+        self.medium.least_transmittance() * self.unit()
+    }
+
+    /// Returns the radiance that is the bound at a transmittance of 1.
+    pub(crate) fn unit(&self) -> f64 {
         let ([ratio, emitted], background) = (self.medium.brightest(), self.brightest_background());
-        self.medium.least_transmittance() * ratio.max(background).min(emitted + background).max(1.0)
+        ratio.max(background).min(emitted + background).max(1.0)
     }
 }
 

@@ -9,21 +9,22 @@ pub(super) use made::{Made, REPLICATES, Read, SAMPLES, SCENE, STOPPED};
 pub(super) use measured::{AccuracyReport, Known, Measured, PictureError};
 pub(super) use streams::Streams;
 
+use crate::app::pictures::{EARLY_STOP, PictureSettings};
 use crate::app::ranges;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// Settings of pictures whose error is stated: of path-traced ones, in place of a number of paths.
+/// Settings of pictures whose error is stated: of path-traced ones, in place of a number of paths; along straight rays, in
+/// place of quadrature and early stop.
 ///
-/// An error is half the width of an interval that holds the expected mean radiance of a block of 8 x 8 pixels, the
-/// largest of red, green and blue, divided by the scale of the picture,
-/// [`scale`](crate::render::accuracy::interval::scale).
-/// A dark block has the same absolute error as a bright one.
+/// Errors are divided by the scale of the picture, [`scale`](crate::render::accuracy::interval::scale). Along straight
+/// rays they are bounds for any channel of every pixel. Those of paths are half the width of an interval that holds the
+/// expected mean radiance of a block of 8 x 8 pixels, the largest of red, green and blue. A dark block has the same absolute error as a bright one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct AccuracySettings {
-    /// Largest error of a block, above 0; none for no target.
+    /// Largest error of a pixel or a block, above 0; none for no target.
     pub target_error: Option<f64>,
     /// Seconds in which all is read, rendered and written, with the smallest error that they allow; none for no limit.
     pub time: Option<f64>,
@@ -52,11 +53,16 @@ impl AccuracySettings {
     }
 
     /// Refuses values out of their ranges, and settings that contradict others.
-    pub(super) fn check(&self, samples: Option<u32>) -> Result<()> {
+    pub(super) fn check(&self, pictures: &PictureSettings) -> Result<()> {
+        let samples = pictures.scattering.samples;
         ranges::positive("target_error", self.target_error)?;
         ranges::positive("time", self.time)?;
         let confidence = self.confidence;
         ranges::probability("confidence", confidence)?;
+        if self.target_error.is_some() && (pictures.quadrature.is_some() || pictures.early_stop != EARLY_STOP) {
+            return Err(Error::invalid("⟨quadrature⟩ and ⟨early_stop⟩ follow from ⟨target_error⟩")
+                .hint("leave them out; the report states what was chosen"));
+        }
         if self.target_error.is_some() && self.time.is_some() {
             return Err(Error::invalid("⟨target_error⟩ and ⟨time⟩ both say when a picture is done")
                 .hint("give one of them: ⟨time⟩ states the error that it has reached"));
@@ -85,18 +91,14 @@ impl AccuracySettings {
         Ok(())
     }
 
-    /// Refuses pictures without paths.
+    /// Refuses settings of noise for pictures without paths.
     pub(super) fn check_paths(&self, paths: bool) -> Result<()> {
-        let setting = match self {
-            Self { time: Some(_), .. } => "⟨time⟩",
-            Self { replicates: Some(_), .. } => "⟨replicates⟩",
-            _ => "⟨target_error⟩",
-        };
-        if self.on() && !paths {
+        let setting = if self.time.is_some() { "⟨time⟩" } else { "⟨replicates⟩" };
+        if self.on() && self.target_error.is_none() && !paths {
             return Err(Error::invalid(format!(
                 "{setting}: nothing is scattered, and pictures without paths have no noise"
             ))
-            .hint("the report of such pictures states the bounds of their quadrature and their early stop"));
+            .hint("⟨target_error⟩ bounds the error of such pictures"));
         }
         Ok(())
     }
