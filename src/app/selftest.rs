@@ -58,7 +58,7 @@ struct Measured {
     hazard: &'static str,
     /// Formula that the program uses.
     formula: &'static str,
-    /// What error and bound are, and their unit.
+    /// Meaning of error and bound, and their unit.
     figure: &'static str,
     /// Error of the program; null if a result is not finite, or was refused.
     error: Option<f64>,

@@ -8,13 +8,13 @@ use std::path::PathBuf;
 
 /// Join path-traced pictures of the same scene and view that were rendered apart: a farm's replicates, or other seeds
 ///
-/// Pictures are weighted by their paths. Those of render --replicates A-B are joined to the bits of the picture that one
-/// machine would have rendered, whatever their order; the error of the whole is stated, and the result can be joined
-/// again.
+/// Pictures are weighted by their paths. Those of render --replicates A-B are joined to the bits of the picture that
+/// one machine would have rendered, whatever their order; the error of the whole is stated, and the result can be
+/// joined again.
 #[derive(Debug, clap::Args)]
 struct MergeArgs {
-    /// Pictures by render: parts of --replicates A-B, of different --seed, or joined ones; with --target-error or --time
-    /// those of --aov replicates
+    /// Pictures by render: parts of --replicates A-B, of different --seed, or joined ones; with --target-error or
+    /// --time those of --aov replicates
     #[arg(value_name = "PICTURE", required = true)]
     inputs: Vec<PathBuf>,
     /// OpenEXR of the joined picture

@@ -67,8 +67,8 @@ value_enum!(Choice for Aov {
                        tracing)";
     Samples: "samples", "Number of paths: Debug Sample Count.X (path tracing)";
     Halves: "halves", "Radiance of two independent halves of the paths: half_a.R, …, half_b.B (path tracing)";
-    Replicates: "replicates", "Sums over replicates, by which `cumulo merge` joins pictures: 31 channels (--target-error, \
-                               --time)";
+    Replicates: "replicates", "Sums over replicates, 31 channels, by which `cumulo merge` joins pictures of \
+                               --target-error or --time";
 });
 
 value_enum!(ValueEnum for Knob {

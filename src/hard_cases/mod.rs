@@ -62,13 +62,13 @@ impl fmt::Display for Area {
 /// Which of two formulas a case is measured with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Formula {
-    /// That of this crate.
+    /// The formula of this crate.
     Cumulo,
-    /// That of a textbook, written down in the most direct way.
+    /// The formula of a textbook, written down in the most direct way.
     Naive,
 }
 
-/// What is known of the naive formula.
+/// Behaviour of the naive formula.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Naive {
     /// It errs by at least this much, which is more than the bound of the case.
@@ -90,12 +90,12 @@ pub struct Case {
     pub remedy: &'static str,
     /// Formula that it is compared with.
     pub naive_formula: &'static str,
-    /// What the figure is, and its unit.
+    /// Meaning of the figure, and its unit.
     pub figure: &'static str,
     /// Largest figure with which the case passes: one and a half to five times what was measured on x86-64, so that
     /// other roundings of exponentials and logarithms pass; where nothing was measured, 0 or a few roundings.
     pub bound: f64,
-    /// What is known of the naive formula.
+    /// Behaviour of the naive formula.
     pub naive: Naive,
     measured: fn(Formula) -> Result<f64>,
 }

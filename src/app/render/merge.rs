@@ -83,7 +83,7 @@ pub struct MergeReport {
     output: PathBuf,
     /// Pictures that were joined.
     pictures: usize,
-    /// Their replicates, by the seed of their random numbers.
+    /// Numbers of the joined replicates, by the seed of their random numbers.
     replicates: String,
     accuracy: Option<AccuracyReport>,
     seconds: f64,

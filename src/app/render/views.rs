@@ -166,7 +166,7 @@ struct Views<'v> {
     cancel: Cancel,
 }
 
-/// What became of views.
+/// Results of the rendering of views.
 #[derive(Default)]
 struct Outcome {
     views: usize,
@@ -178,7 +178,7 @@ struct Outcome {
 impl RenderSettings {
     /// Renders views and writes them.
     pub(super) fn run_views(&self, target: Target<'_>, begun: Instant, context: &Context) -> Result<ViewsReport> {
-        let (views, subject) = self.settled(target, context)?;
+        let (views, subject) = self.read_views(target, context)?;
         views.refuse_overwrite()?;
         match views.are_there() {
             true => {
@@ -190,7 +190,7 @@ impl RenderSettings {
     }
 
     /// Reads what views show and where they are seen from.
-    fn settled<'v>(&'v self, target: Target<'v>, context: &Context) -> Result<(Views<'v>, Subject)> {
+    fn read_views<'v>(&'v self, target: Target<'v>, context: &Context) -> Result<(Views<'v>, Subject)> {
         // From here on the work ends in order if it is stopped.
         let cancel = context.cancel();
         let mut provenance = self.provenance(context);

@@ -7,7 +7,7 @@ use super::run::Run;
 use crate::metrics::interval;
 use serde::{Deserialize, Serialize};
 
-/// What was measured of a setting. Errors are in units of the reference's root mean square.
+/// Measured error and time of a setting. Errors are in units of the reference's root mean square.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Measurement {
     /// Options of the setting.

@@ -50,7 +50,7 @@ impl Recommendation {
         }
     }
 
-    /// What is wanted, in words.
+    /// Wanted error or time, in words.
     pub(super) fn wanted(&self) -> String {
         match (self.error_at_most, self.seconds_at_most) {
             (Some(error), _) => format!("error at most {error}"),
@@ -58,7 +58,7 @@ impl Recommendation {
         }
     }
 
-    /// What the setting reaches, in words.
+    /// Error and time that the setting reaches, in words.
     pub(super) fn reached(&self) -> String {
         match (&self.error, self.seconds) {
             (Some(error), Some(seconds)) => format!("error {error} in {} s", short(seconds)),

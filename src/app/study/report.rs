@@ -15,7 +15,7 @@ use std::path::PathBuf;
 /// Report of a study: errors and times of its settings, and which of them to take.
 #[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct StudyReport {
-    /// What was studied, such as `render`.
+    /// Name of the study, such as `render`.
     pub study: String,
     /// Input that it was studied on.
     #[serde(serialize_with = "crate::app::paths::text")]

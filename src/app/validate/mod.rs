@@ -53,7 +53,7 @@ pub struct ValidateReport {
     sequences: Vec<CheckedSequence>,
 }
 
-/// What is wrong with a file.
+/// Fault of a file.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Checked {
     #[serde(serialize_with = "crate::app::paths::text")]

@@ -16,8 +16,8 @@ struct AccuracyArgs {
     /// Read, render and write all pictures in this time, with the smallest error that it allows: 90, 60s, 2m, 1h30m
     #[arg(long = "time", value_name = "D", value_parser = parse::duration, conflicts_with = "samples")]
     time_limit: Option<f64>,
-    /// Render these of a picture's independent replicates alone, of --samples paths each: on a farm each machine has some
-    /// of them, and `cumulo merge` joins what they render. They are numbered from 0
+    /// Render these of a picture's independent replicates alone, of --samples paths each: on a farm each machine has
+    /// some of them, and `cumulo merge` joins what they render. They are numbered from 0
     #[arg(long, value_name = "A-B", value_parser = parse::range, conflicts_with_all = ["time_limit", "target_error"])]
     replicates: Option<[u32; 2]>,
     /// Probability with which the truth is within the stated error of a block

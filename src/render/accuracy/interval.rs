@@ -14,8 +14,8 @@ pub(super) const FEWEST_MET: f64 = 16.0;
 pub enum Doubt {
     /// There are fewer than eight replicates.
     FewReplicates,
-    /// Few rare events make the variance, of this block or of one beside it: the interval of the former is wider by some
-    /// of them, and holds the mean if none is rarer.
+    /// Few rare events make the variance, of this block or of one beside it: the interval of the former is wider by
+    /// some of them, and holds the mean if none is rarer.
     RareEvents,
     /// No path through the medium has met light: such a block is black, or lit by what is rarely found.
     NoLight,

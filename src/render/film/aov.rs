@@ -1,8 +1,6 @@
 //! Planes that a picture has beside its RGBA (arbitrary output variables).
 
-use super::halves::VARIANCE_BYTES;
 use super::pixel::Pixel;
-use super::stored::PLANES as STORED;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 
 /// An additional plane of a picture, or a layer of planes (arbitrary output variable).
@@ -123,15 +121,4 @@ impl Layer {
     fn new(name: &'static str, channels: &'static [&'static str], value: fn(&Pixel, u32) -> [f32; 4]) -> Self {
         Self { name, channels, value }
     }
-}
-
-/// Returns the bytes of memory per pixel that planes take: as they are rendered, as they are kept, and as they are
-/// written.
-pub fn bytes_per_pixel(aovs: &[Aov]) -> u64 {
-    let of = |aov: &Aov| match aov {
-        Aov::Variance => VARIANCE_BYTES + 2 * 4 * 4,
-        Aov::Replicates => 2 * 4 * STORED,
-        _ => 3 * 4 * aov.layers().iter().map(|layer| layer.channels.len() as u64).sum::<u64>(),
-    };
-    aovs.iter().map(of).sum()
 }

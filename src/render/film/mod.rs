@@ -2,6 +2,7 @@
 
 mod aov;
 mod blocks;
+mod bytes;
 mod halves;
 mod pixel;
 mod replicates;
@@ -11,8 +12,8 @@ mod sum;
 mod view;
 
 pub use aov::Aov;
-pub use aov::bytes_per_pixel;
 pub use blocks::{Blocks, EDGE};
+pub use bytes::bytes_per_pixel;
 pub use replicates::{FEWEST, PixelSums, Replicates};
 pub use sampling::{Sampling, Subpixels};
 pub use sum::Sum;

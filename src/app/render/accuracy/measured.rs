@@ -108,7 +108,7 @@ pub(in crate::app::render) struct Measured {
     pub error: PictureError,
 }
 
-/// What is known of a picture beside its replicates.
+/// Facts of a picture beside its replicates.
 #[derive(Debug, Clone, Copy, Default)]
 pub(in crate::app::render) struct Known {
     /// Number of the view or frame.
@@ -124,7 +124,7 @@ pub(in crate::app::render) struct Known {
     pub keeps_sums: bool,
 }
 
-/// What a picture is expected to take.
+/// Error and seconds that a picture is expected to have and to take.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::app::render) struct Expected {
     /// Error that it is to have, or that its time allows; infinite where that is too short.
@@ -171,8 +171,8 @@ impl Measured {
 }
 
 /// Returns the planes of a picture's error: `error.V`, the error of each pixel's block by the picture's scale, infinite
-/// where none is known; `error.certified`, 1 where it is known with the confidence, and within the target; and the number of
-/// paths, unless it is asked for.
+/// where none is known; `error.certified`, 1 where it is known with the confidence, and within the target; and the
+/// number of paths, unless it is asked for.
 fn planes(made: &Replicates, intervals: &Intervals, target: Option<f64>, has_samples: bool) -> Vec<Plane> {
     let grid = Blocks::new(made.size());
     let by_block = |name: &str, value: &dyn Fn(usize) -> f32| {

@@ -15,12 +15,13 @@ use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// Settings of pictures whose error is stated: of path-traced ones, in place of a number of paths; along straight rays, in
-/// place of quadrature and early stop.
+/// Settings of pictures whose error is stated: of path-traced ones, in place of a number of paths; along straight rays,
+/// in place of quadrature and early stop.
 ///
 /// Errors are divided by the scale of the picture, [`scale`](crate::render::accuracy::interval::scale). Along straight
 /// rays they are bounds for any channel of every pixel. Those of paths are half the width of an interval that holds the
-/// expected mean radiance of a block of 8 x 8 pixels, the largest of red, green and blue. A dark block has the same absolute error as a bright one.
+/// expected mean radiance of a block of 8 x 8 pixels, the largest of red, green and blue. A dark block has the same
+/// absolute error as a bright one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct AccuracySettings {
