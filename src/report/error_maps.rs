@@ -9,7 +9,7 @@ use maud::{Markup, html};
 /// Pictures of one size and what they are to be.
 #[derive(Debug)]
 pub(crate) struct ErrorMaps<'f> {
-    /// What the pictures are to be.
+    /// True picture.
     pub reference: &'f Film,
     /// Pictures, each with its name and a remark.
     pub rows: Vec<((String, String), &'f Film)>,

@@ -95,47 +95,8 @@ impl RenderSettings {
     /// # Errors
     /// If no frame can be begun, or pictures of other settings would be replaced.
     pub(super) fn run_frames(&self, target: Target<'_>, begun: Instant, context: &Context) -> Result<FramesReport> {
-        let mut provenance = self.provenance(context);
-        let pattern = Pattern::parse(&self.pictures.input);
-        let numbers = match (self.frames, &pattern) {
-            (frames, Some(pattern)) => numbers(frames, pattern)?,
-            (frames, None) => frames.into_iter().flat_map(Frames::numbers).collect(),
-        };
-        if let (Some(pattern), Some(_)) = (&pattern, self.frames) {
-            refuse_missing(pattern, &numbers)?;
-        }
-        target.holds(numbers.len(), "frames", "⟨frames=N⟩")?;
-        let mut template = self.pictures.template(Some(&numbers), &mut provenance)?;
-        self.pictures.check_cameras(template.as_ref())?;
-        let mut pictures = self.pictures.clone();
-        if let Some(template) = &mut template {
-            let chosen = pictures.chosen(template.frames.len())?;
-            template.frames = chosen.into_iter().map(|i| template.frames[i].clone()).collect();
-            pictures.view.clear();
-        }
-        let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
-        if self.pictures.views.is_some_and(|views| views > 1) {
-            return Err(Error::invalid("⟨views⟩: a sequence has one picture for each frame")
-                .hint("give ⟨views=1⟩ for a camera at rest, or ⟨cameras⟩ with one for each frame"));
-        }
-        let paths = numbers.iter().map(|number| target.picture(&format!("frame.{number:04}.exr")));
-        let frames: Vec<(u32, PathBuf)> = numbers.iter().copied().zip(paths).collect();
-        let mut sequence = Sequence {
-            render: self,
-            target,
-            pictures,
-            pattern,
-            template,
-            cameras: cameras.unwrap_or_default(),
-            up: None,
-            provenance: provenance.clone(),
-            inputs: BTreeMap::new(),
-            shot: None,
-            visibility: Visibility::default(),
-            remarks: BTreeSet::new(),
-            cancel: context.cancel(),
-            deadline: Deadline::new(begun, &self.accuracy, numbers.len()),
-        };
+        let (mut sequence, frames) = self.sequence(target, begun, context)?;
+        let mut provenance = sequence.provenance.clone();
         sequence.refuse_overwrite(&frames)?;
         sequence.settle(&frames, context)?;
         // A folder that stays empty is removed again.
@@ -169,6 +130,57 @@ impl RenderSettings {
             up: sequence.up,
             seconds,
         })
+    }
+
+    /// Begins a sequence: its frames by number, with the picture of each.
+    fn sequence<'s>(
+        &'s self,
+        target: Target<'s>,
+        begun: Instant,
+        context: &Context,
+    ) -> Result<(Sequence<'s>, Vec<(u32, PathBuf)>)> {
+        let mut provenance = self.provenance(context);
+        let pattern = Pattern::parse(&self.pictures.input);
+        let numbers = match (self.frames, &pattern) {
+            (frames, Some(pattern)) => numbers(frames, pattern)?,
+            (frames, None) => frames.into_iter().flat_map(Frames::numbers).collect(),
+        };
+        if let (Some(pattern), Some(_)) = (&pattern, self.frames) {
+            refuse_missing(pattern, &numbers)?;
+        }
+        target.holds(numbers.len(), "frames", "⟨frames=N⟩")?;
+        let mut template = self.pictures.template(Some(&numbers), &mut provenance)?;
+        self.pictures.check_cameras(template.as_ref())?;
+        let mut pictures = self.pictures.clone();
+        if let Some(template) = &mut template {
+            let chosen = pictures.chosen(template.frames.len())?;
+            template.frames = chosen.into_iter().map(|i| template.frames[i].clone()).collect();
+            pictures.view.clear();
+        }
+        let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
+        if self.pictures.views.is_some_and(|views| views > 1) {
+            return Err(Error::invalid("⟨views⟩: a sequence has one picture for each frame")
+                .hint("give ⟨views=1⟩ for a camera at rest, or ⟨cameras⟩ with one for each frame"));
+        }
+        let paths = numbers.iter().map(|number| target.picture(&format!("frame.{number:04}.exr")));
+        let frames: Vec<(u32, PathBuf)> = numbers.iter().copied().zip(paths).collect();
+        let sequence = Sequence {
+            render: self,
+            target,
+            pictures,
+            pattern,
+            template,
+            cameras: cameras.unwrap_or_default(),
+            up: None,
+            provenance,
+            inputs: BTreeMap::new(),
+            shot: None,
+            visibility: Visibility::default(),
+            remarks: BTreeSet::new(),
+            cancel: context.cancel(),
+            deadline: Deadline::new(begun, &self.accuracy, numbers.len()),
+        };
+        Ok((sequence, frames))
     }
 
     /// Returns the cameras of the frames, cropped, as [`between`] does.

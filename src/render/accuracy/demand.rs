@@ -7,7 +7,7 @@ use crate::render::film::{Blocks, FEWEST, Replicates, Sampling};
 /// Most paths of a pixel.
 pub const MOST: u32 = 1 << 16;
 
-/// What a picture is to keep to.
+/// Limit that a picture is to keep to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
     /// Half width of each block's interval, by the picture's scale.
@@ -16,7 +16,7 @@ pub enum Goal {
     Seconds(f64),
 }
 
-/// What the pilot tells of a block.
+/// Measurements of a block by the pilot.
 #[derive(Debug, Clone, Copy, Default)]
 struct Block {
     /// Variance of the mean, red, green and blue.
@@ -63,7 +63,7 @@ fn times(pilot: &Variance, width: f64, z: f64) -> f64 {
     (0..6).fold(needed(1.0), |times, _| (times * needed(times)).sqrt())
 }
 
-/// What an error takes, block by block.
+/// Paths that an error takes, block by block.
 #[derive(Debug, Clone)]
 pub struct Demand {
     blocks: Vec<Block>,

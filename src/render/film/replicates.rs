@@ -102,7 +102,7 @@ pub struct Replicates {
     size: [usize; 2],
     aovs: Vec<Aov>,
     sums: Vec<PixelSums>,
-    /// What the requested planes need, row-major; empty without such planes.
+    /// Sums that the requested planes need, row-major; empty without such planes.
     features: Vec<Pixel>,
     /// Thread seconds that the pixels of each block took.
     seconds: Vec<f64>,

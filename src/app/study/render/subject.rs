@@ -17,7 +17,7 @@ use crate::scene::volume::Volume;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// What kind of pictures a scene has, on which it depends what may be varied.
+/// Kind of the pictures of a scene, on which it depends what may be varied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Subject {
     /// True if paths are asked for.
