@@ -32,7 +32,7 @@ pub struct PixelSums {
 
 impl PixelSums {
     /// Adds a replicate of this mean.
-    fn add(&mut self, paths: u32, mean: [f32; 4]) {
+    pub(crate) fn add(&mut self, paths: u32, mean: [f32; 4]) {
         let n = f64::from(paths);
         let x = mean.map(f64::from);
         self.merge(&Self {
