@@ -318,7 +318,7 @@ impl RenderSettings {
         let waiting_json = target.json().map(|json| Ok((batch.add(&json)?, json))).transpose()?;
         let scales = DensityScales::of(&subject, capture.density_scale);
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
-        let (scene, plan) = self.planned(pictures, scene, paths)?;
+        let (scene, plan) = self.planned(pictures, scene, paths, context)?;
         plan.iter().for_each(|plan| context.detail(Chosen(plan)));
         let renderer = pictures.renderer(plan.as_ref(), &scene, paths).map_err(|e| e.at(&pictures.input))?;
         let whole = pictures.whole(target, template.as_ref().and_then(|c| c.frames.get(numbers[0])));
@@ -452,11 +452,18 @@ impl RenderSettings {
 
     /// Plans a scene and takes out of it what the plan leaves out. Rays without paths are not planned unless something
     /// may be left out: their model says what is on.
-    fn planned(&self, pictures: &PictureSettings, scene: Scene, paths: bool) -> Result<(Scene, Option<Plan>)> {
+    fn planned(
+        &self,
+        pictures: &PictureSettings,
+        scene: Scene,
+        paths: bool,
+        context: &Context,
+    ) -> Result<(Scene, Option<Plan>)> {
         if !(paths || pictures.leaves_out()) {
             return Ok((scene, None));
         }
-        let plan = pictures.plan(&scene, self.aov.iter().any(|aov| aov.of_paths()))?;
+        let _stage = pictures.leaves_out().then(|| context.stage("planning"));
+        let plan = pictures.plan(&scene, self.aov.iter().any(|aov| aov.of_paths()), &context.cancel())?;
         Ok((plan.simplify(scene)?, Some(plan)))
     }
 
