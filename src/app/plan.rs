@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::formats::sequence::Pattern;
 use crate::plan::pilot::{self, Cost};
 use crate::plan::{CONFIDENCE, Integrator, Plan, State};
+use crate::scene::camera::Camera;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;
@@ -114,6 +115,14 @@ use_case!(PlanSettings => PlanReport, pictures.limits);
 
 impl Report for PlanReport {}
 
+/// Most cameras in whose pictures contributions are measured that nothing depends on.
+const TOLD: usize = 4;
+
+/// Returns cameras that contributions are told of if nothing may be left out: evenly spaced ones.
+fn told_of(cameras: &[Camera]) -> Vec<Camera> {
+    cameras.iter().step_by(cameras.len().div_ceil(TOLD).max(1)).copied().collect()
+}
+
 impl PlanSettings {
     /// Reads and plans.
     ///
@@ -149,7 +158,9 @@ impl PlanSettings {
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         let measured = {
             let _stage = context.stage("measuring");
-            Plan::measured(&scene, &scene.cameras, &pictures.request(false), &cancel)
+            let told = told_of(&scene.cameras);
+            let cameras = if pictures.planning.max_omitted > 0.0 { &scene.cameras } else { &told };
+            Plan::measured(&scene, cameras, &pictures.request(false), &cancel)
         };
         let mut plan = measured.map_err(|e| e.at(&pictures.input))?;
         let scene = plan.simplify(scene)?;

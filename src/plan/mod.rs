@@ -120,14 +120,15 @@ impl Plan {
         Planner::new(scene, Measured::new(scene, cameras)?, request, None)?.plan()
     }
 
-    /// Plans the rendering of a scene. What bounds do not leave out is measured in the pictures of all cameras, and left
-    /// out if it is known to be little enough with [`CONFIDENCE`]. If nothing may be left out, contributions are
+    /// Plans the rendering of a scene. What bounds do not leave out is measured in the pictures of `cameras`, and left
+    /// out if it is known to be little enough there with [`CONFIDENCE`]. If nothing may be left out, contributions are
     /// measured and nothing follows from them.
     ///
     /// # Errors
     /// As [`Plan::new`], or if `cancel` was set.
     pub fn measured(scene: &Scene, cameras: &[Camera], request: &Request, cancel: &Cancel) -> Result<Self> {
-        let planner = Planner::new(scene, Measured::new(scene, cameras)?, request, Some((cameras, cancel)))?;
+        let measured = Measured::new(scene, &scene.cameras)?;
+        let planner = Planner::new(scene, measured, request, Some((cameras, cancel)))?;
         let plan = planner.plan()?;
         if cancel.requested() { Err(Error::cancelled()) } else { Ok(plan) }
     }

@@ -10,6 +10,9 @@ use rayon::prelude::*;
 /// Ways to a limit of a block.
 const WAYS: usize = 3;
 
+/// Paths whose spread tells what more of them will.
+const FEWEST_TO_EXPECT: u32 = 256;
+
 /// Degrees of freedom from which quantiles are those of a series.
 const MANY: f64 = 100.0;
 
@@ -120,10 +123,28 @@ impl Found {
         DVec3::new(channel(0), channel(1), channel(2))
     }
 
-    /// Returns the mean and its upper limit, where the brightest block shows `lit` by opacity.
-    pub(super) fn limit(&self, caps: &Caps, lit: DVec3, shares: &Shares) -> [DVec3; 2] {
+    /// Returns the number of paths.
+    pub(super) fn paths(&self) -> u32 {
+        self.sums.replicates
+    }
+
+    /// True if the mean exceeds `most`, or so many paths that its upper limit by as many as `last` is expected to.
+    pub(super) fn exceeds(&self, most: f64, last: u32, shares: &Shares) -> bool {
+        let (mean, variance) = (self.sums.mean(), self.sums.variance());
+        let channel = |c: usize| {
+            let error = variance[c].sqrt();
+            let surely = mean[c] - 3.0 * error;
+            let left = (f64::from(self.paths()) / f64::from(last)).sqrt();
+            let expected = surely.max(0.0) + shares.z * error * left;
+            surely > most || self.paths() >= FEWEST_TO_EXPECT && expected > most
+        };
+        (0..3).any(|c| variance[c].is_finite() && channel(c))
+    }
+
+    /// Returns the upper limit of the mean, where the brightest block shows `lit` by opacity.
+    pub(super) fn limit(&self, caps: &Caps, lit: DVec3, shares: &Shares) -> DVec3 {
         if caps.apart {
-            return [self.mean(), self.by_spread(shares)];
+            return self.by_spread(shares);
         }
         let draws = u64::from(self.sums.replicates);
         let product = |p: f64, most: DVec3| DVec3::select(most.cmpeq(DVec3::ZERO), DVec3::ZERO, p * most);
@@ -131,7 +152,7 @@ impl Found {
         let source = if self.met() { caps.collision } else { caps.collision.min(2.0 * lit) };
         let by_collisions = product(shares.probability(self.collisions, draws), source);
         let by_events = product(shares.probability(self.events, draws), caps.event);
-        [self.mean(), self.by_spread(shares).min(by_collisions).min(by_events)]
+        self.by_spread(shares).min(by_collisions).min(by_events)
     }
 }
 
@@ -145,4 +166,83 @@ pub(super) fn brightness(found: &[Found], shares: &Shares) -> DVec3 {
     let known: Vec<DVec3> = found.par_iter().filter(|found| found.met()).map(of_block).collect();
     let channel = |c: usize| known.iter().map(|limit| limit[c]).filter(|limit| limit.is_finite()).reduce(f64::max);
     DVec3::from_array([0, 1, 2].map(|c| channel(c).unwrap_or(f64::INFINITY)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::integrator::First;
+    use crate::render::sampler::Sampler;
+
+    const UNKNOWN: Caps = Caps { collision: DVec3::INFINITY, event: DVec3::INFINITY, apart: false };
+
+    /// Returns the probability of `seen` events or fewer.
+    fn binomial(seen: u64, draws: u64, p: f64) -> f64 {
+        let term = |t: f64, k: u64| t * (draws - k) as f64 / (k + 1) as f64 * p / (1.0 - p);
+        (0..seen).fold([(1.0 - p).powf(draws as f64); 2], |[t, sum], k| [term(t, k), sum + term(t, k)])[1]
+    }
+
+    #[test]
+    fn probabilities_of_events_are_below_their_limits() {
+        let shares = Shares::new(0.95, 100);
+        for (seen, draws) in [(0, 64), (1, 64), (7, 64), (3, 4096), (60, 64)] {
+            let limit = shares.probability(seen, draws);
+            assert!(binomial(seen, draws, limit) <= shares.miss * (1.0 + 1e-9), "{seen} {draws} {limit}");
+        }
+        let rule_of_three = -f64::exp_m1(shares.miss.ln() / 64.0);
+        assert!((shares.probability(0, 64) - rule_of_three).abs() < 1e-9);
+        assert_eq!(shares.probability(64, 64), 1.0);
+        // The series goes on where the quantiles of few degrees of freedom end.
+        let [exact, series] = [99.999, 100.0].map(|freedom| shares.student(freedom));
+        assert!((exact / series - 1.0).abs() < 2e-3, "{exact} {series}");
+    }
+
+    /// Returns what paths find to each of which `value` adds something, if it collides.
+    fn found(paths: u64, seed: u64, value: impl Fn(&mut Sampler) -> Option<f32>) -> Found {
+        let mut found = Found::default();
+        for path in 0..paths {
+            let mut sampler = Sampler::new(seed, [path as usize, 0], 0);
+            let value = value(&mut sampler);
+            let first =
+                value.map(|_| First { distance: 1.0, position: DVec3::ZERO, albedo: Vec3::ONE, volume: 0, share: 1.0 });
+            let transmittance = if first.is_some() { 0.0 } else { 1.0 };
+            found.add(Vec3::splat(value.unwrap_or(0.0)), &Sample { first, transmittance, ..Sample::default() });
+        }
+        found
+    }
+
+    /// Skewed draws: limits fail no more often than they may, and are not beyond all measure.
+    #[test]
+    fn means_are_below_their_limits() {
+        let shares = Shares::new(0.95, 1);
+        let failed = |paths: u64, mean: f64, value: &dyn Fn(&mut Sampler) -> Option<f32>| {
+            let limit = |seed| found(paths, seed, value).limit(&UNKNOWN, DVec3::INFINITY, &shares).x;
+            let limits: Vec<f64> = (0..1000).map(limit).collect();
+            let typical = limits.iter().filter(|limit| **limit < 3.0 * mean).count();
+            assert!(typical > 500, "{typical}");
+            limits.iter().filter(|limit| **limit < mean).count()
+        };
+        assert!(failed(64, 1.0, &|s| Some(s.exponential())) <= 15);
+        assert!(failed(256, 0.05, &|s| Some(if s.uniform() < 0.05 { 1.0 } else { 0.0 })) <= 15);
+        assert!(failed(1024, 0.02, &|s| (s.uniform() < 0.02).then(|| s.exponential())) <= 15);
+    }
+
+    #[test]
+    fn what_was_not_seen_is_not_left_out_without_a_bound() {
+        let shares = Shares::new(0.95, 1000);
+        let dark = found(256, 1, |_| Some(0.0));
+        let limit = |found: &Found, caps: Caps, lit: f64| found.limit(&caps, DVec3::splat(lit), &shares).x;
+        assert_eq!(limit(&dark, UNKNOWN, 1.0), f64::INFINITY);
+        let known = Caps { event: DVec3::splat(2.0), ..UNKNOWN };
+        let rule_of_three = -2.0 * f64::exp_m1(shares.miss.ln() / 256.0);
+        assert!((limit(&dark, known, 1.0) - rule_of_three).abs() < 1e-9);
+        // Without collisions a block is as bright as others at most, unless light comes from elsewhere.
+        let empty = found(256, 1, |_| None);
+        assert!((limit(&empty, UNKNOWN, 1.0) - rule_of_three).abs() < 1e-9);
+        assert_eq!(limit(&empty, Caps { apart: true, ..UNKNOWN }, 1.0), f64::INFINITY);
+        assert_eq!(limit(&empty, UNKNOWN, f64::INFINITY), f64::INFINITY);
+        let seen = found(256, 1, |s| Some(s.exponential()));
+        let lit = brightness(&[dark, empty, seen.clone()], &shares);
+        assert_eq!(lit, seen.by_spread(&shares));
+    }
 }

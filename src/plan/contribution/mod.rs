@@ -38,8 +38,9 @@ const LOOKS_TO_KNOW: usize = 2;
 /// Most scatterings that are tried.
 pub(super) const RUNGS: [u32; 10] = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512];
 
-/// Blocks that are looked at before all others.
+/// Blocks that are looked at before all others, and the look whose paths they have then.
 const PROBE: usize = 16;
+const PROBE_LOOK: usize = 2;
 
 /// First number of the random numbers, which no picture has.
 const STREAM: u64 = 0x5EED << 48;
@@ -141,23 +142,28 @@ impl<'s> Pilot<'s> {
         let mut found = vec![Found::default(); self.blocks.len()];
         let looks = if most > 0.0 { LOOKS.len() } else { LOOKS_TO_KNOW };
         // Blocks that were bright show soonest that too much is missing.
-        let probe = if beyond { std::mem::take(&mut self.brightest) } else { Vec::new() };
-        let rest = all.clone().filter(|number| !probe.contains(number)).collect();
-        let (mut turns, mut first) = (vec![(0, rest), (0, probe)], None);
+        let probe = std::mem::take(&mut self.brightest);
+        let rest = all.clone().collect();
+        let mut turns = vec![(0, rest), (if most > 0.0 { PROBE_LOOK } else { 0 }, probe)];
+        let (mut first, mut given_up) = (None, false);
         while let Some((look, open)) = turns.pop() {
             self.trace(part, &open, look, &mut found);
             let lit = limit::brightness(&found, &self.shares);
-            let stated: Vec<[DVec3; 2]> =
+            let stated: Vec<DVec3> =
                 open.par_iter().map(|number| found[*number].limit(caps, lit, &self.shares)).collect();
-            for (number, [_, limit]) in open.iter().zip(&stated) {
+            for (number, limit) in open.iter().zip(&stated) {
                 limits[*number] = limits[*number].min(*limit);
             }
-            let left = f64::from(LOOKS[look]) / f64::from(LOOKS[looks - 1]);
-            if self.cancel.requested() || most > 0.0 && stated.iter().any(|stated| hopeless(*stated, left, most)) {
+            let last = LOOKS[looks - 1];
+            given_up |= most > 0.0 && open.iter().any(|number| found[*number].exceeds(most, last, &self.shares));
+            if turns.is_empty() {
+                first = first.or_else(|| Some(self.mean(&found)));
+            }
+            // All but the light that is scattered most often is told of, if only by a first look.
+            if self.cancel.requested() || given_up && (first.is_some() || matches!(part, Part::Beyond(2..))) {
                 break;
             }
             if turns.is_empty() {
-                first = first.or_else(|| Some(self.mean(&found)));
                 // Limits well below the one that is asked for leave some of it to other effects.
                 let open: Vec<usize> = all.clone().filter(|n| limits[*n].max_element() > 0.5 * most).collect();
                 if look + 1 < looks && !open.is_empty() {
@@ -165,9 +171,9 @@ impl<'s> Pilot<'s> {
                 }
             }
         }
+        self.brightest = brightest(&found);
         if beyond {
             self.carried.clone_from(&limits);
-            self.brightest = brightest(&found);
         }
         let limit = limits.iter().fold(DVec3::ZERO, |most, limit| most.max(*limit));
         let largest = limit.max_element();
@@ -176,7 +182,8 @@ impl<'s> Pilot<'s> {
             worst: found.iter().map(|found| found.mean().max_element()).fold(0.0, f64::max),
             limit: largest.is_finite().then_some(largest),
         };
-        Ok(Verdict { contribution, limit, within: most > 0.0 && largest <= most && !self.cancel.requested() })
+        let within = most > 0.0 && !given_up && largest <= most && !self.cancel.requested();
+        Ok(Verdict { contribution, limit, within })
     }
 
     /// Returns the mean over all pictures: of the first look, whose paths nothing has decided about.
@@ -198,12 +205,11 @@ impl<'s> Pilot<'s> {
         self.tracer.relight(&lights, environment, emits)
     }
 
-    /// Traces the paths of a look in some blocks.
+    /// Traces the paths of a look in some blocks, beyond those that were traced before.
     fn trace(&self, part: Part, open: &[usize], look: usize, found: &mut [Found]) {
-        let begin = look.checked_sub(1).map_or(0, |before| LOOKS[before]);
         let block = |scratch: &mut Scratch, number: &usize| {
             let mut of_block = Found::default();
-            for path in begin..LOOKS[look] {
+            for path in found[*number].paths()..LOOKS[look] {
                 if self.cancel.requested() {
                     break;
                 }
@@ -251,15 +257,6 @@ impl<'s> Pilot<'s> {
     fn within(&self, bounces: u32, from: (&Ray, &Primary), mut sampler: Sampler, scratch: &mut Scratch) -> Sample {
         self.tracer.li_within(Limits { max_bounces: bounces }, from, &mut sampler, scratch)
     }
-}
-
-/// True if a block's limit is not expected to become `most` or less. Its last half width will be the root of the share
-/// of paths that there are `left` now.
-fn hopeless([mean, limit]: [DVec3; 2], left: f64, most: f64) -> bool {
-    let half_width = limit - mean;
-    // Half of such a width is about three standard errors.
-    let expected = (mean - 0.5 * half_width).max(DVec3::ZERO) + 0.9 * left.sqrt() * half_width;
-    (0..3).any(|c| expected[c].is_finite() && expected[c] > most)
 }
 
 /// Returns the numbers of the blocks of the largest means.
