@@ -198,7 +198,7 @@ impl<'p> Planner<'p> {
         let Some((cameras, cancel)) = self.pilot_of else { return Ok(None) };
         let mut pilot = match self.pilot.take() {
             Some(pilot) => pilot,
-            None => Pilot::new(self.scene, cameras, self.within, cancel)?,
+            None => Pilot::new(self.scene, (cameras, self.within), self.request.max_omitted, cancel)?,
         };
         let dark = |bound: &Bound| bound.first == DVec3::ZERO;
         let lights = (0..self.lights.len()).filter(|number| !dark(&self.lights[*number])).collect();

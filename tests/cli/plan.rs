@@ -39,7 +39,9 @@ fn plans_tell_states_costs_and_bounds() {
     let text = work.text(&format!("plan @plume.vdb --size 64x48 --samples 16 {LIT} --max-omitted 0.2"));
     assert!(
         text.contains("measured")
-            && text.contains("of radiance is missing in any channel of a block of 8 x 8 pixels, with a confidence of 95 %")
+            && text.contains(
+                "of radiance is missing in any channel of a block of 8 x 8 pixels, with a confidence of 95 %"
+            )
             && text.contains("mean, limit: radiance")
             && text.contains("bound: most radiance"),
         "{text}"

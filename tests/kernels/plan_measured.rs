@@ -88,7 +88,7 @@ fn what_is_left_out_by_measurement_is_below_its_limit() {
     }
     println!("{plans} plans by measurement, {more} leave more effects out, {broken} broken");
     assert!(plans > 30 && more > 10, "{plans} {more}");
-    assert!(f64::from(broken) <= (1.0 - CONFIDENCE) * f64::from(plans), "{broken} of {plans}");
+    assert!(broken as f64 <= (1.0 - CONFIDENCE) * plans as f64, "{broken} of {plans}");
 }
 
 /// A cloud that no bound tells anything of: deep, bright, and forward scattering.

@@ -64,9 +64,9 @@ impl Shares {
 /// What is known of a part of the light beforehand, by channel; infinite where nothing is.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::plan) struct Caps {
-    /// Most that is expected of a path that collides with a medium.
+    /// Most that is expected of a path by its opacity.
     pub collision: DVec3,
-    /// Most that is expected of a path that adds anything.
+    /// Most that is expected of a path from where it first adds anything, and from any such place on.
     pub event: DVec3,
     /// True if light comes from where no path collides.
     pub apart: bool,
@@ -81,11 +81,18 @@ pub(super) struct Found {
     collisions: u64,
     /// Paths to which the part adds something.
     events: u64,
+    /// Sums of what the part adds, at most the cut to a path, and the paths to which it adds more.
+    cut: [f64; 3],
+    over: u64,
 }
 
 impl Found {
-    /// Adds a path, and what the part adds to it.
-    pub(super) fn add(&mut self, value: Vec3, path: &Sample) {
+    /// Adds a path, and what the part adds to it. Values above the `cut` are told apart.
+    pub(super) fn add(&mut self, value: Vec3, path: &Sample, cut: f64) {
+        for (sum, value) in self.cut.iter_mut().zip(value.to_array()) {
+            *sum += f64::from(value).min(cut);
+        }
+        self.over += u64::from(f64::from(value.max_element()) > cut);
         self.sums.add(1, value.extend(1.0 - path.transmittance).to_array());
         self.collisions += u64::from(path.first.is_some());
         self.events += u64::from(value != Vec3::ZERO);
@@ -96,6 +103,8 @@ impl Found {
         self.sums.merge(&other.sums);
         self.collisions += other.collisions;
         self.events += other.events;
+        self.cut.iter_mut().zip(other.cut).for_each(|(sum, more)| *sum += more);
+        self.over += other.over;
     }
 
     /// Returns the mean of what the part adds.
@@ -141,18 +150,33 @@ impl Found {
         (0..3).any(|c| variance[c].is_finite() && channel(c))
     }
 
-    /// Returns the upper limit of the mean, where the brightest block shows `lit` by opacity.
-    pub(super) fn limit(&self, caps: &Caps, lit: DVec3, shares: &Shares) -> DVec3 {
+    /// Returns the upper limit of the mean opacity.
+    fn opacity(&self, shares: &Shares) -> f64 {
+        let [.., alpha] = self.sums.mean();
+        let half_width = Variance::of([&self.sums].into_iter(), 3).half_width(|freedom| shares.student(freedom));
+        let by_spread = if alpha > 0.0 { alpha + half_width } else { 1.0 };
+        by_spread.min(shares.probability(self.collisions, self.paths().into()))
+    }
+
+    /// Returns the upper limit by values that are cut (Hoeffding 1963), and by how many exceed the cut: what a path
+    /// collects from then on is no more than is known of any.
+    fn by_cut(&self, caps: &Caps, cut: f64, shares: &Shares) -> DVec3 {
+        let paths = f64::from(self.paths().max(1));
+        let below = DVec3::from_array(self.cut) / paths + cut * (-shares.miss.ln() / (2.0 * paths)).sqrt();
+        let beyond = shares.probability(self.over, self.paths().into()) * caps.event;
+        DVec3::select(caps.event.cmpeq(DVec3::ZERO), DVec3::ZERO, below + beyond)
+    }
+
+    /// Returns the upper limit of the mean, where the brightest block shows `lit` by opacity and values are cut.
+    pub(super) fn limit(&self, caps: &Caps, (lit, cut): (DVec3, f64), shares: &Shares) -> DVec3 {
         if caps.apart {
             return self.by_spread(shares);
         }
-        let draws = u64::from(self.sums.replicates);
         let product = |p: f64, most: DVec3| DVec3::select(most.cmpeq(DVec3::ZERO), DVec3::ZERO, p * most);
         // What hardly any path met is as bright as what others met, or twice as bright.
         let source = if self.met() { caps.collision } else { caps.collision.min(2.0 * lit) };
-        let by_collisions = product(shares.probability(self.collisions, draws), source);
-        let by_events = product(shares.probability(self.events, draws), caps.event);
-        self.by_spread(shares).min(by_collisions).min(by_events)
+        let by_opacity = product(self.opacity(shares), source);
+        self.by_spread(shares).min(by_opacity).min(self.by_cut(caps, cut, shares))
     }
 }
 
@@ -206,7 +230,8 @@ mod tests {
             let first =
                 value.map(|_| First { distance: 1.0, position: DVec3::ZERO, albedo: Vec3::ONE, volume: 0, share: 1.0 });
             let transmittance = if first.is_some() { 0.0 } else { 1.0 };
-            found.add(Vec3::splat(value.unwrap_or(0.0)), &Sample { first, transmittance, ..Sample::default() });
+            let path = Sample { first, transmittance, ..Sample::default() };
+            found.add(Vec3::splat(value.unwrap_or(0.0)), &path, 0.0);
         }
         found
     }
@@ -216,7 +241,7 @@ mod tests {
     fn means_are_below_their_limits() {
         let shares = Shares::new(0.95, 1);
         let failed = |paths: u64, mean: f64, value: &dyn Fn(&mut Sampler) -> Option<f32>| {
-            let limit = |seed| found(paths, seed, value).limit(&UNKNOWN, DVec3::INFINITY, &shares).x;
+            let limit = |seed| found(paths, seed, value).limit(&UNKNOWN, (DVec3::INFINITY, 0.0), &shares).x;
             let limits: Vec<f64> = (0..1000).map(limit).collect();
             let typical = limits.iter().filter(|limit| **limit < 3.0 * mean).count();
             assert!(typical > 500, "{typical}");
@@ -231,7 +256,7 @@ mod tests {
     fn what_was_not_seen_is_not_left_out_without_a_bound() {
         let shares = Shares::new(0.95, 1000);
         let dark = found(256, 1, |_| Some(0.0));
-        let limit = |found: &Found, caps: Caps, lit: f64| found.limit(&caps, DVec3::splat(lit), &shares).x;
+        let limit = |found: &Found, caps: Caps, lit: f64| found.limit(&caps, (DVec3::splat(lit), 0.0), &shares).x;
         assert_eq!(limit(&dark, UNKNOWN, 1.0), f64::INFINITY);
         let known = Caps { event: DVec3::splat(2.0), ..UNKNOWN };
         let rule_of_three = -2.0 * f64::exp_m1(shares.miss.ln() / 256.0);

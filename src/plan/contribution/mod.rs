@@ -99,6 +99,8 @@ pub(super) struct Pilot<'s> {
     /// Pixels of all pictures.
     pixels: f64,
     shares: Shares,
+    /// Radiance of a path above which there are few that matter.
+    cut: f64,
     /// Limits of light beyond fewer scatterings, block by block.
     carried: Vec<DVec3>,
     /// Blocks that showed most of that light.
@@ -107,11 +109,16 @@ pub(super) struct Pilot<'s> {
 }
 
 impl<'s> Pilot<'s> {
-    /// Begins to measure a scene whose media lie in a box.
+    /// Begins to measure a scene whose media lie in a box, where `max_omitted` may be left out in all.
     ///
     /// # Errors
     /// If a medium or a light cannot be used.
-    pub(super) fn new(scene: &'s Scene, cameras: &'s [Camera], within: Aabb, cancel: &'s Cancel) -> Result<Self> {
+    pub(super) fn new(
+        scene: &'s Scene,
+        (cameras, within): (&'s [Camera], Aabb),
+        max_omitted: f64,
+        cancel: &'s Cancel,
+    ) -> Result<Self> {
         let glows = scene.volumes.iter().any(|volume| volume.emission().is_some());
         let blocks = blocks::of(cameras, (!glows).then_some(within));
         let parts = 3 + scene.lights.len() + RUNGS.len();
@@ -121,6 +128,7 @@ impl<'s> Pilot<'s> {
             shares: Shares::new(CONFIDENCE, parts * blocks.len() * LOOKS.len()),
             carried: vec![DVec3::INFINITY; blocks.len()],
             brightest: Vec::new(),
+            cut: 0.5 * max_omitted,
             scene,
             cameras,
             blocks,
@@ -150,7 +158,7 @@ impl<'s> Pilot<'s> {
             self.trace(part, &open, look, &mut found);
             let lit = limit::brightness(&found, &self.shares);
             let stated: Vec<DVec3> =
-                open.par_iter().map(|number| found[*number].limit(caps, lit, &self.shares)).collect();
+                open.par_iter().map(|number| found[*number].limit(caps, (lit, self.cut), &self.shares)).collect();
             for (number, limit) in open.iter().zip(&stated) {
                 limits[*number] = limits[*number].min(*limit);
             }
@@ -214,7 +222,7 @@ impl<'s> Pilot<'s> {
                     break;
                 }
                 let (value, sample) = self.path(part, &self.blocks[*number], path, scratch);
-                of_block.add(value, &sample);
+                of_block.add(value, &sample, self.cut);
             }
             of_block
         };
