@@ -10,7 +10,8 @@ use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
 use crate::formats::sequence::Pattern;
 use crate::plan::pilot::{self, Cost};
-use crate::plan::{Integrator, Plan, State};
+use crate::plan::{CONFIDENCE, Integrator, Plan, State};
+use crate::scene::camera::Camera;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;
@@ -18,8 +19,9 @@ use std::path::PathBuf;
 /// Settings of a plan: pictures, as they would be rendered.
 ///
 /// Effects that a scene does not call for are off and cost nothing; more of them are left out as long as the sum of
-/// their bounds stays below [`PlanningSettings::max_omitted`](super::pictures::PlanningSettings::max_omitted). Costs
-/// are those of small pictures, rendered now.
+/// their bounds, and of the limits of what they contribute as measured, stays below
+/// [`PlanningSettings::max_omitted`](super::pictures::PlanningSettings::max_omitted). Costs are those of small
+/// pictures, rendered now.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct PlanSettings {
@@ -57,25 +59,46 @@ impl fmt::Display for PlanReport {
             input.display(),
             if *views == 1 { "" } else { "s" }
         )?;
-        writeln!(f, "  {:<22}{:<9}{:>10}{:>12}  reason", "effect", "state", "seconds", "bound")?;
+        writeln!(
+            f,
+            "  {:<22}{:<9}{:>10}{:>10}{:>10}{:>10}  reason",
+            "effect", "state", "seconds", "mean", "limit", "bound"
+        )?;
         for planned in &plan.effects {
             let state = match planned.state {
                 State::On => "on",
                 State::Off => "off",
                 State::Bounded => "bounded",
+                State::Measured => "measured",
             };
             let seconds = planned.cost.map_or("-".into(), |seconds| format!("{seconds:.3}"));
-            let bound = match planned.bound {
+            let radiance = |value: Option<f64>| match value {
                 Some(0.0) => "0".into(),
-                Some(bound) => format!("{bound:.2e}"),
+                Some(value) => format!("{value:.2e}"),
                 None => "-".into(),
             };
-            writeln!(f, "  {:<22}{state:<9}{seconds:>10}{bound:>12}  {}", planned.name.to_string(), planned.reason)?;
+            let (found, bound) = (planned.contribution, radiance(planned.bound));
+            let (mean, limit) =
+                (radiance(found.map(|found| found.mean)), radiance(found.and_then(|found| found.limit)));
+            writeln!(
+                f,
+                "  {:<22}{state:<9}{seconds:>10}{mean:>10}{limit:>10}{bound:>10}  {}",
+                planned.name.to_string(),
+                planned.reason
+            )?;
+        }
+        if plan.effects.iter().any(|planned| planned.contribution.is_some()) {
+            writeln!(
+                f,
+                "  mean, limit: radiance that the effect, or the part that is left out, adds to the pictures, and to a \
+                 block of 8 x 8 pixels at most, as measured with a confidence of {} % for all effects together",
+                100.0 * CONFIDENCE
+            )?;
         }
         writeln!(
             f,
-            "  bound: most radiance that the effect, or the part that is left out, adds to a channel of any pixel; \
-             pictures are often far darker"
+            "  bound: most radiance that the effect, or the part that is left out, adds to a channel of any pixel, as \
+             proved; pictures are often far darker"
         )?;
         let depth = &plan.measured.optical_depth;
         writeln!(
@@ -91,6 +114,14 @@ impl fmt::Display for PlanReport {
 use_case!(PlanSettings => PlanReport, pictures.limits);
 
 impl Report for PlanReport {}
+
+/// Most cameras in whose pictures contributions are measured that nothing depends on.
+const TOLD: usize = 4;
+
+/// Returns cameras that contributions are told of if nothing may be left out: evenly spaced ones.
+fn told_of(cameras: &[Camera]) -> Vec<Camera> {
+    cameras.iter().step_by(cameras.len().div_ceil(TOLD).max(1)).copied().collect()
+}
 
 impl PlanSettings {
     /// Reads and plans.
@@ -125,7 +156,13 @@ impl PlanSettings {
         let name = |name: &str| PathBuf::from(name);
         let capture = pictures.capture(name, &subject, transfer, template.as_ref(), cameras)?;
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
-        let mut plan = pictures.plan(&scene, false)?;
+        let measured = {
+            let _stage = context.stage("measuring");
+            let told = told_of(&scene.cameras);
+            let cameras = if pictures.planning.max_omitted > 0.0 { &scene.cameras } else { &told };
+            Plan::measured(&scene, cameras, &pictures.request(false), &cancel)
+        };
+        let mut plan = measured.map_err(|e| e.at(&pictures.input))?;
         let scene = plan.simplify(scene)?;
         let Some(camera) = scene.cameras.first() else {
             return Err(Error::invalid("no cameras").hint("give ⟨views⟩ or ⟨cameras⟩"));

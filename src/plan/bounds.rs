@@ -19,6 +19,8 @@ pub(crate) struct Media {
     gain: DVec3,
     /// 1 minus the gain.
     loss: DVec3,
+    /// Greatest albedo, by channel.
+    albedo: DVec3,
     /// Greatest opacity along a ray.
     opacity: f64,
     /// Greatest value of a phase function per steradian.
@@ -63,7 +65,7 @@ impl Media {
         }
         // 1 - q without the difference of nearly equal numbers.
         let loss = (DVec3::ONE - albedo) + albedo * (-depth).exp();
-        Self { gain: albedo * opacity, loss, opacity, peak }
+        Self { gain: albedo * opacity, loss, albedo, opacity, peak }
     }
 
     /// Returns the bound of light from a source of which so much arrives at most.
@@ -95,6 +97,19 @@ impl Media {
         // Infinite light of which nothing is scattered, and 0 / 0, are nothing.
         let nothing = bound.first.cmpeq(DVec3::ZERO) | share.cmpeq(DVec3::ZERO);
         DVec3::select(nothing, DVec3::ZERO, (bound.first * share / self.loss).min(bound.all))
+    }
+
+    /// Returns the bound of what a collision is expected to send on of light that it scatters, and that is scattered
+    /// `orders` times or more, at least once.
+    pub(crate) fn sent_on(&self, bound: Bound, orders: u32) -> DVec3 {
+        let before = self.orders_from(bound, orders.saturating_sub(1));
+        DVec3::select(self.albedo.cmpeq(DVec3::ZERO), DVec3::ZERO, self.albedo * before)
+    }
+
+    /// Returns the bound of what a collision emits.
+    pub(crate) fn emitted(&self, emission: Bound) -> DVec3 {
+        let dark = emission.first.cmpeq(DVec3::ZERO);
+        DVec3::select(dark, DVec3::ZERO, (emission.first / self.opacity).min(emission.all))
     }
 }
 

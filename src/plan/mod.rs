@@ -2,19 +2,23 @@
 //!
 //! A plan simplifies a scene: what a scene does not call for is gone from it before renderers compile their kernels for
 //! it, so that nothing asks for it while pixels are computed. A plan may also leave out what is there, as long as
-//! the sum of upper bounds of the missing radiance stays below a limit.
+//! the sum of upper bounds of the missing radiance stays below a limit. Where bounds that are proved do not tell enough,
+//! those of measured contributions do, with a confidence.
 
 mod bounds;
+mod contribution;
 mod depth;
 mod effect;
 mod measured;
 pub mod pilot;
 mod planner;
 
+pub use contribution::{CONFIDENCE, Contribution};
 pub use effect::Effect;
 pub(crate) use measured::Measured;
 
-use crate::error::Result;
+use crate::cancel::Cancel;
+use crate::error::{Error, Result};
 use crate::render::path::Limits;
 use crate::scene::camera::Camera;
 use crate::scene::environment::Environment;
@@ -30,7 +34,8 @@ use std::sync::Arc;
 /// Freedom of a plan.
 #[derive(Debug, Clone, Default)]
 pub struct Request {
-    /// Radiance that may be missing in any channel of any pixel.
+    /// Radiance that may be missing in any channel of any pixel; by measurement, of the mean of any block of 8 x 8
+    /// pixels.
     pub max_omitted: f64,
     /// Effects that are kept whatever they add.
     pub force: Vec<Effect>,
@@ -58,8 +63,11 @@ pub enum State {
     On,
     /// It is not.
     Off,
-    /// In part.
+    /// In part; what is left out is proved to be below a bound.
     Bounded,
+    /// It is left out, or, if it is multiple scattering, the part of it that is beyond a number of scatterings. What is
+    /// left out was measured, and is below a limit with a confidence.
+    Measured,
 }
 
 /// Plan of an effect.
@@ -76,6 +84,9 @@ pub struct Planned {
     /// Upper bound of the radiance that is left out in any channel of a pixel; for an effect that is on, of what would
     /// be missing without it. None where nothing finite is known.
     pub bound: Option<f64>,
+    /// What the part that is left out adds to the pictures; for an effect that is on, all of it, and of multiple
+    /// scattering what is scattered more than once. None where it was not measured.
+    pub contribution: Option<Contribution>,
 }
 
 /// Plan of a scene.
@@ -85,8 +96,11 @@ pub struct Plan {
     pub integrator: Integrator,
     /// Effects.
     pub effects: Vec<Planned>,
-    /// Upper bound of the radiance that is left out in any channel of a pixel; none where nothing finite is known.
+    /// Upper bound of the radiance that is left out in any channel of a pixel; none where nothing finite is known. With
+    /// a confidence below 1 it bounds the means of the pictures' blocks of 8 x 8 pixels.
     pub omitted: Option<f64>,
+    /// Confidence of that bound: 1 if it is proved, less if some of it was measured.
+    pub confidence: f64,
     /// Measurements.
     pub measured: Measured,
     /// How far paths go.
@@ -103,7 +117,20 @@ impl Plan {
     /// # Errors
     /// If a medium or a light cannot be used, or an effect is kept by force that the scene does not have.
     pub fn new(scene: &Scene, cameras: &[Camera], request: &Request) -> Result<Self> {
-        Ok(Planner::new(scene, Measured::new(scene, cameras)?, request)?.plan())
+        Planner::new(scene, Measured::new(scene, cameras)?, request, None)?.plan()
+    }
+
+    /// Plans the rendering of a scene. What bounds do not leave out is measured in the pictures of `cameras`, and left
+    /// out if it is known to be little enough there with [`CONFIDENCE`]. If nothing may be left out, contributions are
+    /// measured and nothing follows from them.
+    ///
+    /// # Errors
+    /// As [`Plan::new`], or if `cancel` was set.
+    pub fn measured(scene: &Scene, cameras: &[Camera], request: &Request, cancel: &Cancel) -> Result<Self> {
+        let measured = Measured::new(scene, &scene.cameras)?;
+        let planner = Planner::new(scene, measured, request, Some((cameras, cancel)))?;
+        let plan = planner.plan()?;
+        if cancel.requested() { Err(Error::cancelled()) } else { Ok(plan) }
     }
 
     /// Returns the state of an effect.
@@ -111,12 +138,21 @@ impl Plan {
         self.effects.iter().find(|planned| planned.name == effect).map_or(State::Off, |planned| planned.state)
     }
 
+    /// True if an effect is simulated, at least in part.
+    pub fn simulates(&self, effect: Effect) -> bool {
+        match self.state(effect) {
+            State::On | State::Bounded => true,
+            State::Off => false,
+            State::Measured => effect == Effect::MultipleScattering && self.limits.max_bounces > 1,
+        }
+    }
+
     /// Takes out of a scene what the plan leaves out.
     ///
     /// # Errors
     /// If a transfer function cannot be changed.
     pub fn simplify(&self, mut scene: Scene) -> Result<Scene> {
-        let on = |effect| self.state(effect) != State::Off;
+        let on = |effect| self.simulates(effect);
         if !on(Effect::Emission) {
             scene.volumes = scene.volumes.into_iter().map(Volume::without_emission).collect();
         }

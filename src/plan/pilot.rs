@@ -1,6 +1,6 @@
 //! Pilots: small pictures that tell what a plan will cost.
 
-use super::{Effect, Integrator, Plan, State};
+use super::{Effect, Integrator, Plan};
 use crate::cancel::Cancel;
 use crate::error::Result;
 use crate::render::direct::DirectRenderer;
@@ -86,12 +86,11 @@ pub fn run(
     let most = plan.limits.max_bounces;
     let (Some(none), Some(one), Some(all)) = (traced(0)?, traced(most.min(1))?, traced(most)?) else { return Ok(None) };
     let all = all.max(one);
-    for planned in plan.effects.iter_mut().filter(|planned| planned.state != State::Off) {
-        planned.cost = match planned.name {
-            Effect::Scattering => Some((all - none).max(0.0) * paths as f64),
-            Effect::MultipleScattering => Some((all - one) * paths as f64),
-            _ => None,
-        };
+    for (effect, seconds) in [(Effect::Scattering, (all - none).max(0.0)), (Effect::MultipleScattering, all - one)] {
+        let on = plan.simulates(effect);
+        for planned in plan.effects.iter_mut().filter(|planned| on && planned.name == effect) {
+            planned.cost = Some(seconds * paths as f64);
+        }
     }
     Ok(Some(cost(all)))
 }

@@ -38,9 +38,11 @@ fn plans_tell_states_costs_and_bounds() {
 
     let text = work.text(&format!("plan @plume.vdb --size 64x48 --samples 16 {LIT} --max-omitted 0.2"));
     assert!(
-        text.contains("path tracing")
-            && text.contains("bounded")
-            && text.contains("of radiance is missing")
+        text.contains("measured")
+            && text.contains(
+                "of radiance is missing in any channel of a block of 8 x 8 pixels, with a confidence of 95 %"
+            )
+            && text.contains("mean, limit: radiance")
             && text.contains("bound: most radiance"),
         "{text}"
     );
@@ -88,6 +90,38 @@ fn what_scatters_nothing_is_rendered_along_straight_rays() {
     assert_eq!(record["plan"]["omitted"], 0.0);
 }
 
+/// Contributions are told in any case, and what they leave out with which confidence.
+#[test]
+fn measured_contributions_are_left_out_with_a_confidence() {
+    let work = Work::new();
+    let plan = |more: &str| work.json(&format!("plan @plume.vdb --size 64x48 --samples 16 {LIT} {more}"));
+    let told = plan("");
+    assert_eq!((&told["omitted"], &told["confidence"]), (&Value::from(0.0), &Value::from(1.0)));
+    for name in ["scattering", "light-0", "environment", "multiple-scattering"] {
+        let found = &effect(&told, name)["contribution"];
+        let [mean, worst] = ["mean", "worst"].map(|key| found[key].as_f64().unwrap());
+        assert!(0.0 < mean && mean < worst, "{name}: {found}");
+        // Limits may be unknown, and are above what was found.
+        assert!(found["limit"].as_f64().is_none_or(|limit| limit > worst), "{name}: {found}");
+    }
+    assert!(effect(&told, "emission")["contribution"].is_null());
+
+    let less = plan("--max-omitted 0.1");
+    let omitted = less["omitted"].as_f64().unwrap();
+    assert!(omitted > 0.0 && omitted <= 0.1, "{less}");
+    assert_eq!(less["confidence"], 0.95);
+    let effects = less["effects"].as_array().unwrap();
+    let measured: Vec<_> = effects.iter().filter(|effect| effect["state"] == "measured").collect();
+    assert!(!measured.is_empty(), "{less}");
+    assert!(measured.iter().all(|effect| effect["contribution"]["limit"].as_f64().unwrap() <= omitted), "{less}");
+    assert_eq!(plan("--max-omitted 0.1")["effects"].as_array().unwrap().len(), effects.len());
+
+    let work_of = |folder: &str| format!("render @plume.vdb --views 1 --size 24x20 --samples 16 {LIT} -o {folder}");
+    work.json(&format!("{} --max-omitted 0.1", work_of("less")));
+    let record: Value = serde_json::from_slice(&std::fs::read(work.path("less/transforms.json")).unwrap()).unwrap();
+    assert_eq!(record["plan"]["confidence"], 0.95);
+}
+
 /// A limit shortens paths, and the report says so; force brings them back.
 #[test]
 fn a_limit_shortens_paths() {
@@ -96,10 +130,10 @@ fn a_limit_shortens_paths() {
         work.json(&format!("render @plume.vdb --views 1 --size 24x20 --samples 64 {LIT} {more} --overwrite -o out"))
     };
     let each = |report: &Value| report["paths"]["collisions_per_path"].as_f64().unwrap();
-    let (full, short) = (render(""), render("--max-omitted 1"));
+    let (full, short) = (render(""), render("--max-omitted 0.05 --force scattering"));
     assert!(each(&short) < each(&full), "{short} {full}");
     let omitted = short["plan"]["omitted"].as_f64().unwrap();
-    assert!(omitted > 0.0 && omitted <= 1.0);
+    assert!(omitted > 0.0 && omitted <= 0.05);
     assert_eq!(
         each(&render("--max-omitted 1 --force scattering,multiple-scattering,light-0,environment")),
         each(&full)

@@ -27,6 +27,7 @@ mod loss;
 mod optimise;
 mod path_tracing;
 mod plan;
+mod plan_measured;
 mod preshaded;
 mod preshaded_ways;
 mod stability;

@@ -1,8 +1,9 @@
 //! The plan that follows from options, and the renderer that follows from the plan.
 
 use super::settings::PictureSettings;
+use crate::cancel::Cancel;
 use crate::error::Result;
-use crate::plan::{Effect, Integrator, Plan, Request, State};
+use crate::plan::{Effect, Integrator, Plan, Planned, Request, State};
 use crate::render::direct::DirectRenderer;
 use crate::render::film::Sampling;
 use crate::render::path::PathTracer;
@@ -23,22 +24,33 @@ pub(in crate::app) struct SceneRenderer<'a> {
 }
 
 impl PictureSettings {
-    /// Plans the rendering of a scene. `paths` tells whether anything needs paths besides scattering.
+    /// Plans the rendering of a scene. `paths` tells whether anything needs paths besides scattering. If effects may be
+    /// left out, what bounds do not leave out is measured.
     ///
     /// # Errors
-    /// If a medium or a light cannot be used, or an effect is kept by force that the scene does not have.
-    pub(crate) fn plan(&self, scene: &Scene, paths: bool) -> Result<Plan> {
+    /// If a medium or a light cannot be used, an effect is kept by force that the scene does not have, or `cancel` was
+    /// set.
+    pub(crate) fn plan(&self, scene: &Scene, paths: bool, cancel: &Cancel) -> Result<Plan> {
+        let request = self.request(paths);
+        match self.planning.max_omitted > 0.0 {
+            true => Plan::measured(scene, &scene.cameras, &request, cancel),
+            false => Plan::new(scene, &scene.cameras, &request),
+        }
+        .map_err(|e| e.at(&self.input))
+    }
+
+    /// Returns the freedom of a plan.
+    pub(in crate::app) fn request(&self, paths: bool) -> Request {
         let mut force = self.planning.force.clone();
         if paths {
             force.push(Effect::Scattering);
         }
-        let request = Request {
+        Request {
             max_omitted: self.planning.max_omitted,
             force,
             limits: self.scattering.limits(),
             background: self.background,
-        };
-        Plan::new(scene, &scene.cameras, &request).map_err(|e| e.at(&self.input))
+        }
     }
 
     /// True if effects may be left out that the scene calls for.
@@ -121,7 +133,13 @@ impl fmt::Display for Chosen<'_> {
             Integrator::PathTracing => "path tracing",
         };
         write!(f, "plan: {integrator}")?;
-        for (state, word) in [(State::On, "on"), (State::Bounded, "in part"), (State::Off, "off")] {
+        let words = [
+            (State::On, "on"),
+            (State::Bounded, "in part"),
+            (State::Measured, "left out by measurement"),
+            (State::Off, "off"),
+        ];
+        for (state, word) in words {
             let names = names(state);
             if !names.is_empty() {
                 write!(f, "; {word}: {names}")?;
@@ -140,9 +158,15 @@ impl fmt::Display for LeftOut<'_> {
         if omitted == 0.0 {
             return write!(f, "nothing is left out");
         }
-        write!(f, "at most {omitted:.2e} of radiance is missing in any channel of a pixel:")?;
-        let missing =
-            self.0.effects.iter().filter(|e| e.state != State::On && e.bound.is_some_and(|bound| bound > 0.0));
+        let Plan { effects, confidence, .. } = self.0;
+        write!(f, "at most {omitted:.2e} of radiance is missing in any channel of ")?;
+        if *confidence < 1.0 {
+            write!(f, "a block of 8 x 8 pixels, with a confidence of {} %:", 100.0 * confidence)?;
+        } else {
+            write!(f, "a pixel:")?;
+        }
+        let there = |effect: &Planned| effect.state == State::Measured || effect.bound.is_some_and(|bound| bound > 0.0);
+        let missing = effects.iter().filter(|effect| effect.state != State::On && there(effect));
         for (i, effect) in missing.enumerate() {
             write!(f, "{} {} ({})", if i == 0 { "" } else { "," }, effect.name, effect.reason)?;
         }

@@ -149,7 +149,8 @@ impl PictureSettings {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct PlanningSettings {
-    /// Radiance that a channel of a pixel may miss for effects that are left out.
+    /// Radiance that a channel of a pixel may miss for effects that are left out by their bounds, or of the mean of a
+    /// block of 8 x 8 pixels, by measurement.
     pub max_omitted: f64,
     /// Effects that are kept whatever they add.
     pub force: Vec<Effect>,

@@ -9,11 +9,12 @@ use super::stage::SIZE;
 use super::subject::Subject;
 use crate::app::Context;
 use crate::app::provenance::Provenance;
+use crate::cancel::Cancel;
 use crate::error::Result;
 use crate::formats::format::FileKind;
 use crate::formats::registry::sniff;
 use crate::formats::sequence::Pattern;
-use crate::plan::{Effect, State};
+use crate::plan::Effect;
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
 use crate::scene::orbit;
@@ -51,6 +52,7 @@ impl PictureSettings {
         numbers: &[u32],
         template: Option<&Capture>,
         placed: Option<Up>,
+        cancel: &Cancel,
     ) -> Result<Settled> {
         let mut settled = Settled::default();
         let auto = self.density_scale == Some(DensityScale::Auto);
@@ -64,7 +66,7 @@ impl PictureSettings {
         let mut outline = Vec::new();
         for number in evenly_spaced(&all) {
             let cameras = Cameras::Around(placed.unwrap_or_default());
-            let _ = self.measure(pattern, number, (template, cameras), &mut settled, &mut outline);
+            let _ = self.measure(pattern, number, (template, cameras, cancel), &mut settled, &mut outline);
         }
         if let Some(up) = placed.filter(|_| !outline.is_empty()) {
             let [width, height] = self.size.unwrap_or(SIZE);
@@ -80,7 +82,7 @@ impl PictureSettings {
         &self,
         pattern: Option<&Pattern>,
         number: u32,
-        (template, cameras): (Option<&Capture>, Cameras<'_>),
+        (template, cameras, cancel): (Option<&Capture>, Cameras<'_>, &Cancel),
         settled: &mut Settled,
         outline: &mut Vec<DVec3>,
     ) -> Result<()> {
@@ -99,8 +101,8 @@ impl PictureSettings {
         let scale = capture.density_scale;
         settled.density_scale = Some(settled.density_scale.map_or(scale, |least| least.min(scale)));
         if self.planning.max_omitted > 0.0 && matches!(subject, Subject::Grids(_)) {
-            let plan = pictures.plan(&pictures.scene(&capture, subject)?, false)?;
-            let kept = plan.effects.iter().filter(|planned| planned.state != State::Off).map(|planned| planned.name);
+            let plan = pictures.plan(&pictures.scene(&capture, subject)?, false, cancel)?;
+            let kept = plan.effects.iter().map(|planned| planned.name).filter(|effect| plan.simulates(*effect));
             // Only what could be left out can be kept by force.
             settled.kept.extend(kept.filter(|effect| effect.to_string().parse::<Effect>().is_ok()));
         }

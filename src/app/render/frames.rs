@@ -305,7 +305,7 @@ impl Sequence<'_> {
             Some(_) if self.pictures.planning.max_omitted == 0.0 => Settled::default(),
             _ => {
                 let _stage = context.stage("settling");
-                self.pictures.settle(self.pattern.as_ref(), &numbers, self.template.as_ref(), up)?
+                self.pictures.settle(self.pattern.as_ref(), &numbers, self.template.as_ref(), up, &context.cancel())?
             }
         };
         let settled = match earlier {
@@ -389,7 +389,7 @@ impl Sequence<'_> {
             let (file, fps) = (File::open(&pictures.input, limits)?, self.render.fps);
             scene.velocities = vec![(0, velocity::read(&file, name, fps, limits.max_memory)?)];
         }
-        let (scene, plan) = self.render.planned(&pictures, scene, paths)?;
+        let (scene, plan) = self.render.planned(&pictures, scene, paths, context)?;
         plan.iter().for_each(|plan| context.detail(Chosen(plan)));
         Ok(Shot { capture, scales, scene, plan, provenance, paths, moving })
     }

@@ -234,11 +234,18 @@ impl RenderSettings {
 
     /// Plans a scene and takes out of it what the plan leaves out. Rays without paths are not planned unless something
     /// may be left out: their model says what is on.
-    fn planned(&self, pictures: &PictureSettings, scene: Scene, paths: bool) -> Result<(Scene, Option<Plan>)> {
+    fn planned(
+        &self,
+        pictures: &PictureSettings,
+        scene: Scene,
+        paths: bool,
+        context: &Context,
+    ) -> Result<(Scene, Option<Plan>)> {
         if !(paths || pictures.leaves_out()) {
             return Ok((scene, None));
         }
-        let plan = pictures.plan(&scene, self.aov.iter().any(|aov| aov.of_paths()))?;
+        let _stage = pictures.leaves_out().then(|| context.stage("planning"));
+        let plan = pictures.plan(&scene, self.aov.iter().any(|aov| aov.of_paths()), &context.cancel())?;
         Ok((plan.simplify(scene)?, Some(plan)))
     }
 

@@ -285,7 +285,7 @@ impl Views<'_> {
         let waiting = waiting.collect::<Result<Vec<Vec<PathBuf>>>>()?;
         let waiting_json = target.json().map(|json| Ok((batch.add(&json)?, json))).transpose()?;
         let scene = pictures.scene(&self.capture, subject).map_err(|e| e.at(&pictures.input))?;
-        let (scene, plan) = settings.planned(pictures, scene, paths)?;
+        let (scene, plan) = settings.planned(pictures, scene, paths, context)?;
         plan.iter().for_each(|plan| context.detail(Chosen(plan)));
         let renderer = settings
             .renderer(pictures, plan.as_ref(), (&scene, paths), &scene.cameras, &self.cancel)

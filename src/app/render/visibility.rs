@@ -34,9 +34,10 @@ impl Visibility {
     /// transfer function makes extinctions of densities.
     pub(super) fn remarks(&self, transfer: bool, plan: Option<&Plan>) -> Vec<String> {
         let omitted = plan.and_then(|plan| plan.omitted).filter(|omitted| *omitted > UNREMARKED * self.brightest());
+        let of = if plan.is_some_and(|plan| plan.confidence < 1.0) { "block of pixels" } else { "pixel" };
         let omitted = omitted.filter(|omitted| *omitted > 0.0).map(|omitted| {
             format!(
-                "up to {omitted:.2e} of radiance may be missing in a channel of a pixel, and the brightest one has \
+                "up to {omitted:.2e} of radiance may be missing in a channel of a {of}, and the brightest pixel has \
                  {:.2e}: ⟨max_omitted⟩ is a radiance, not a share of the picture's; a smaller one keeps more",
                 self.brightest()
             )

@@ -6,7 +6,7 @@ use crate::scene::film::Film;
 use serde::Serialize;
 
 /// Fewest paths of a block that meet the medium, if any do, by which its noise is known.
-pub(super) const FEWEST_MET: f64 = 16.0;
+pub(crate) const FEWEST_MET: f64 = 16.0;
 
 /// Why no interval is stated of a block, or one that is too wide.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
@@ -84,7 +84,7 @@ pub fn scale_of(film: &Film) -> f64 {
 
 /// Variance of the mean of a block, with what is known of it.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Variance {
+pub(crate) struct Variance {
     /// Variance of the block's mean.
     pub variance: f64,
     /// Degrees of freedom of the variance (Satterthwaite 1946, without bias for one pixel).
@@ -95,7 +95,7 @@ pub(super) struct Variance {
 
 impl Variance {
     /// Returns that of a channel of a block.
-    pub(super) fn of<'p>(pixels: impl Iterator<Item = &'p PixelSums>, channel: usize) -> Self {
+    pub(crate) fn of<'p>(pixels: impl Iterator<Item = &'p PixelSums>, channel: usize) -> Self {
         let (mut count, mut sum, mut squares, mut largest, mut least) = (0.0, 0.0, 0.0, 0.0_f64, f64::INFINITY);
         for pixel in pixels {
             let (variance, freedom) = (pixel.variance()[channel], f64::from(pixel.replicates.max(1)) - 1.0);
@@ -135,7 +135,7 @@ impl Variance {
     /// Few events tell as little of a variance as few degrees of freedom: if all made equal parts of it, there would be
     /// one over the largest part of them. Where events are rare, the interval is wider by three of the largest: the
     /// mean number of events of which k have come is below k + 2√k + 3 (Poisson, 97.5 %).
-    pub(super) fn half_width(&self, quantile: impl Fn(f64) -> f64) -> f64 {
+    pub(crate) fn half_width(&self, quantile: impl Fn(f64) -> f64) -> f64 {
         if self.variance == 0.0 {
             return 0.0;
         }

@@ -27,6 +27,8 @@ use crate::render::dvr::{Tape, TracedRay};
 use crate::render::integrator::{Counts, First, Integrator, Sample, mean};
 use crate::render::preshaded;
 use crate::render::sampler::Sampler;
+use crate::scene::environment::Environment;
+use crate::scene::light::Light;
 use crate::scene::scene::Scene;
 use direct::Lighting;
 use glam::{DVec3, Vec3};
@@ -73,6 +75,8 @@ pub struct PathTracer<'a> {
     kernel: Box<dyn Kernel + 'a>,
     lighting: Lighting,
     limits: Limits,
+    /// True if media do not emit.
+    dark: bool,
     arch: Arch,
 }
 
@@ -84,10 +88,11 @@ trait Kernel: Sync + Send {
     fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary;
     /// Returns the optical depth of a world ray, the mean of the channels.
     fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> f64;
-    /// Traces a path from a camera's ray, which was walked last.
+    /// Traces a path within limits from a camera's ray, which was walked last.
     fn trace(
         &self,
         tracer: &PathTracer<'_>,
+        limits: Limits,
         from: (&Ray, &Primary),
         sampler: &mut Sampler,
         scratch: &mut Scratch,
@@ -110,12 +115,13 @@ impl<M: Media> Kernel for M {
     fn trace(
         &self,
         tracer: &PathTracer<'_>,
+        limits: Limits,
         (ray, primary): (&Ray, &Primary),
         sampler: &mut Sampler,
         scratch: &mut Scratch,
     ) -> Sample {
-        let PathTracer { lighting, limits, arch, .. } = tracer;
-        arch.dispatch(Path { media: self, lighting, limits: *limits, ray, primary, sampler, scratch })
+        let PathTracer { lighting, dark, arch, .. } = tracer;
+        arch.dispatch(Path { media: self, lighting, limits, dark: *dark, ray, primary, sampler, scratch })
     }
 }
 
@@ -127,7 +133,7 @@ impl<'a> PathTracer<'a> {
     pub fn new(scene: &'a Scene) -> Result<Self> {
         let kernel = kernel::specialised(scene)?;
         let lighting = Lighting::new(&scene.lights, scene.environment.clone())?;
-        Ok(Self { kernel, lighting, limits: Limits::default(), arch: Arch::default() })
+        Ok(Self { kernel, lighting, limits: Limits::default(), dark: false, arch: Arch::default() })
     }
 
     /// Uses the kernel that serves any number of volumes of one extinction for all channels, for comparison.
@@ -154,6 +160,31 @@ impl<'a> PathTracer<'a> {
         self
     }
 
+    /// Puts other light around the media, before black; `emits` tells whether they emit themselves. All first collisions
+    /// of camera rays scatter light, so that thin media are seen as well as others.
+    ///
+    /// # Errors
+    /// If a light cannot be used.
+    pub(crate) fn relight(&mut self, lights: &[Light], environment: Environment, emits: bool) -> Result<()> {
+        self.lighting = Lighting::new(lights, environment)?;
+        (self.lighting.often, self.lighting.background) = (f64::INFINITY, Some(Vec3::ZERO));
+        self.dark = !emits;
+        Ok(())
+    }
+
+    /// Returns an estimate as [`Integrator::li`] does, by a path that goes as far as these limits: it is the beginning
+    /// of the path that the same random numbers make without them.
+    pub(crate) fn li_within(
+        &self,
+        limits: Limits,
+        (ray, primary): (&Ray, &Primary),
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Sample {
+        scratch.counts.paths += 1;
+        self.kernel.trace(self, limits, (ray, primary), sampler, scratch)
+    }
+
     /// Sets the instruction set of the kernels.
     #[must_use]
     pub fn arch(mut self, arch: Arch) -> Self {
@@ -171,8 +202,7 @@ impl Integrator for PathTracer<'_> {
     }
 
     fn li(&self, ray: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Sample {
-        scratch.counts.paths += 1;
-        self.kernel.trace(self, (ray, primary), sampler, scratch)
+        self.li_within(self.limits, (ray, primary), sampler, scratch)
     }
 
     /// Exact, whatever the paths estimate the transmittance by.
@@ -194,6 +224,7 @@ struct Path<'p, M> {
     media: &'p M,
     lighting: &'p Lighting,
     limits: Limits,
+    dark: bool,
     ray: &'p Ray,
     primary: &'p Primary,
     sampler: &'p mut Sampler,
@@ -205,11 +236,11 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
 
     #[inline(always)]
     fn call(self) -> Sample {
-        let Self { media, lighting, limits, ray, primary, sampler, scratch } = self;
+        let Self { media, lighting, limits, dark, ray, primary, sampler, scratch } = self;
         let Visible { transmittance, collision, spare } = media.first(ray, primary, sampler, scratch);
         let unscattered = transmittance * lighting.background(ray.direction);
         let mut out = Sample { unscattered, transmittance: mean(transmittance), ..Sample::default() };
-        if M::GLOWS {
+        if M::GLOWS && !dark {
             out.unscattered += media.emitted(ray, Some(primary), sampler, scratch);
         }
         let Some((mut collision, mut weight)) = collision else { return out };
@@ -217,7 +248,7 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
         loop {
             scratch.counts.collisions += 1;
             let albedo = media.albedo(&collision);
-            if M::EMITS {
+            if M::EMITS && !dark {
                 let emitted = weight * (Vec3::ONE - albedo) * media.source(&collision);
                 *if bounces == 0 { &mut out.unscattered } else { &mut out.indirect } += emitted;
             }
@@ -250,7 +281,7 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             let (direction, density) = phase.sample(ray.direction, [u, v]);
             scratch.counts.impossible += u64::from(density.is_nan() || density <= 0.0);
             ray = Ray { origin: at, direction };
-            if M::GLOWS {
+            if M::GLOWS && !dark {
                 out.indirect += weight * media.emitted(&ray, None, sampler, scratch);
             }
             let next = media.collide(&ray, weight, sampler, scratch);

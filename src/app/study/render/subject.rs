@@ -77,7 +77,8 @@ impl RenderStudySettings {
         if scene.cameras.is_empty() {
             return Err(Error::invalid("no cameras").hint("give ⟨views⟩ or ⟨cameras⟩"));
         }
-        let plan = (paths || pictures.leaves_out()).then(|| pictures.plan(&scene, false)).transpose()?;
+        let plan =
+            (paths || pictures.leaves_out()).then(|| pictures.plan(&scene, false, &context.cancel())).transpose()?;
         let scene = match &plan {
             Some(plan) => plan.simplify(scene)?,
             None => scene,
