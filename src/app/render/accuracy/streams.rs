@@ -123,7 +123,7 @@ mod tests {
             assert!(all.clone().add(&Streams::range(0, first, last)).is_err(), "{first} {last}");
         }
         let mut pushed = Streams::one(3);
-        [1, 2, 5].map(|number| pushed.push(3, number));
+        [1, 2, 5].into_iter().for_each(|number| pushed.push(3, number));
         assert_eq!(pushed.to_string(), "seed 3: 0-2, 5");
         for bad in ["", "0-15", "seed x: 1", "seed 1: 5-2", "seed 1: 1, 1", "seed 1: 1-4294967295"] {
             assert!(bad.parse::<Streams>().is_err(), "{bad}");
