@@ -16,20 +16,23 @@ mod direct;
 mod emissive;
 mod flames;
 mod kernel;
+mod near;
 mod optics;
 mod phase;
 mod tracking;
 
 use crate::arch::Arch;
 use crate::error::Result;
-use crate::math::Ray;
+use crate::math::{Aabb, Ray};
 use crate::render::dvr::{Tape, TracedRay};
 use crate::render::integrator::{Counts, First, Integrator, Sample, mean};
 use crate::render::preshaded;
 use crate::render::sampler::Sampler;
 use crate::scene::scene::Scene;
+use crate::scene::volume::Volume;
 use direct::Lighting;
 use glam::{DVec3, Vec3};
+use near::{End, NearLights};
 use phase::PhaseFunction;
 use tracking::{Collision, Media, Visible};
 
@@ -115,7 +118,11 @@ impl<M: Media> Kernel for M {
         scratch: &mut Scratch,
     ) -> Sample {
         let PathTracer { lighting, limits, arch, .. } = tracer;
-        arch.dispatch(Path { media: self, lighting, limits: *limits, ray, primary, sampler, scratch })
+        if lighting.near.is_empty() {
+            arch.dispatch(Path::<_, false> { media: self, lighting, limits: *limits, ray, primary, sampler, scratch })
+        } else {
+            arch.dispatch(Path::<_, true> { media: self, lighting, limits: *limits, ray, primary, sampler, scratch })
+        }
     }
 }
 
@@ -126,7 +133,9 @@ impl<'a> PathTracer<'a> {
     /// If a medium or a light cannot be used, or a volume is pre-shaded.
     pub fn new(scene: &'a Scene) -> Result<Self> {
         let kernel = kernel::specialised(scene)?;
-        let lighting = Lighting::new(&scene.lights, scene.environment.clone())?;
+        let fields = scene.volumes.iter().filter_map(Volume::density);
+        let bounds = fields.map(|(field, _)| field.world_bounds()).fold(Aabb::EMPTY, Aabb::union);
+        let lighting = Lighting::new(&scene.lights, scene.environment.clone(), bounds)?;
         Ok(Self { kernel, lighting, limits: Limits::default(), arch: Arch::default() })
     }
 
@@ -151,6 +160,13 @@ impl<'a> PathTracer<'a> {
     #[must_use]
     pub fn background(mut self, radiance: [f32; 3]) -> Self {
         self.lighting.background = Some(Vec3::from_array(radiance));
+        self
+    }
+
+    /// Looks for light where paths collide alone, for comparison.
+    #[must_use]
+    pub fn at_collisions(mut self) -> Self {
+        self.lighting.near = NearLights::default();
         self
     }
 
@@ -189,8 +205,8 @@ impl Integrator for PathTracer<'_> {
     }
 }
 
-/// One path, as the unit that is compiled for each instruction set.
-struct Path<'p, M> {
+/// One path, as the unit that is compiled for each instruction set, and for scenes with lights near to the media.
+struct Path<'p, M, const NEAR: bool> {
     media: &'p M,
     lighting: &'p Lighting,
     limits: Limits,
@@ -200,7 +216,7 @@ struct Path<'p, M> {
     scratch: &'p mut Scratch,
 }
 
-impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
+impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
     type Output = Sample;
 
     #[inline(always)]
@@ -211,6 +227,9 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
         let mut out = Sample { unscattered, transmittance: mean(transmittance), ..Sample::default() };
         if M::GLOWS {
             out.unscattered += media.emitted(ray, Some(primary), sampler, scratch);
+        }
+        if NEAR && limits.max_bounces > 0 {
+            out.direct += lighting.along(media, ray, sampler, scratch);
         }
         let Some((mut collision, mut weight)) = collision else { return out };
         let (mut ray, mut bounces) = (*ray, 0);
@@ -239,12 +258,18 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             bounces += 1;
             let phase = media.phase(&collision, at);
             let [u, v, of_lights, of_light] = sampler.stratified();
-            if let Some(arrival) = lighting.sample(at, [of_lights, of_light]) {
+            let end = End { media, lighting, ray, distance: collision.distance };
+            let drawn = lighting.sample(at, [of_lights, of_light]).and_then(|(light, arrival)| {
+                let counts = if NEAR { end.thinned(light, &arrival, sampler) } else { 1.0 };
+                (!NEAR || counts > 0.0).then_some((arrival, counts))
+            });
+            if let Some((arrival, counts)) = drawn {
                 let toward = Ray { origin: at, direction: arrival.direction };
                 let scattered = phase.value(ray.direction, arrival.direction);
                 scratch.counts.shadow_rays += 1;
                 let transmittance = media.transmittance(&toward, arrival.distance, sampler, scratch);
                 let seen = weight * lighting.weighted(&arrival, scattered) * transmittance;
+                let seen = if NEAR { seen * counts } else { seen };
                 *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += seen;
             }
             let (direction, density) = phase.sample(ray.direction, [u, v]);
@@ -253,10 +278,14 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             if M::GLOWS {
                 out.indirect += weight * media.emitted(&ray, None, sampler, scratch);
             }
+            if NEAR && bounces < limits.max_bounces {
+                out.indirect += weight * lighting.along(media, &ray, sampler, scratch);
+            }
             let next = media.collide(&ray, weight, sampler, scratch);
             let reach = next.map_or(f64::INFINITY, |(collision, _)| collision.distance);
-            let met =
-                lighting.hit_radiance(&ray, reach, density, |distance| media.survival(&ray, distance, weight, scratch));
+            let survival = |distance| media.survival(&ray, distance, weight, scratch);
+            let counts = |light, arrival: &_| if NEAR { end.left(light, arrival) } else { 1.0 };
+            let met = lighting.hit_radiance(&ray, reach, density, survival, counts);
             *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += weight * met;
             let Some((next, factor)) = next else { return out };
             (collision, weight) = (next, weight * factor);
