@@ -156,6 +156,21 @@ impl Media for Chromatic<'_> {
         product.as_vec3()
     }
 
+    fn passed(
+        &self,
+        (ray, primary): (&Ray, Option<&Primary>),
+        length: f64,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Vec3 {
+        if let ([one], Some(walked)) = (&self.0[..], primary.and_then(|primary| primary.walked))
+            && let Some(depth) = one.volume.dvr.depth_before(&walked, length, &scratch.camera)
+        {
+            return (-depth * one.color).map(f64::exp).as_vec3();
+        }
+        self.transmittance(ray, length, sampler, scratch)
+    }
+
     fn range(&self, ray: &Ray) -> Option<(f64, f64)> {
         self.0.iter().filter_map(|one| one.volume.range(ray)).reduce(joined)
     }

@@ -33,18 +33,22 @@ fn heuristic(own: f64, other: f64) -> f64 {
 }
 
 impl Lighting {
-    /// Checks the lights around media within these bounds.
+    /// Checks the lights around media within these bounds, of this extinction by place.
     ///
     /// # Errors
     /// If a light cannot be used.
-    pub(crate) fn new(lights: &[Light], environment: Environment, bounds: Aabb) -> Result<Self> {
+    pub(crate) fn new(
+        lights: &[Light],
+        environment: Environment,
+        (bounds, extinction): (Aabb, &dyn Fn(DVec3) -> f64),
+    ) -> Result<Self> {
         let lights = lights.iter().enumerate();
         let lights = lights.map(|(i, light)| light.checked().map_err(|e| e.part(format!("light {i}"))));
         let lights: Vec<Light> = lights.collect::<Result<_>>()?;
         // In light that is the same from all around, what is scattered makes up for what is dimmed, path by path, if
         // all scatter.
         let often = if lights.is_empty() && environment.map.is_none() { f64::INFINITY } else { OFTEN };
-        let near = NearLights::new(&lights, bounds);
+        let near = NearLights::new(&lights, bounds, extinction);
         Ok(Self { lights, near, environment, background: None, often })
     }
 

@@ -116,6 +116,17 @@ impl<M: Media, G: Glow> Media for Emissive<M, G> {
     }
 
     #[inline(always)]
+    fn passed(
+        &self,
+        from: (&Ray, Option<&Primary>),
+        length: f64,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Vec3 {
+        self.media.passed(from, length, sampler, scratch)
+    }
+
+    #[inline(always)]
     fn range(&self, ray: &Ray) -> Option<(f64, f64)> {
         self.media.range(ray)
     }

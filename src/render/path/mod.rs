@@ -1,7 +1,7 @@
 //! Volumetric path tracing: light that media emit, absorb and scatter any number of times.
 //!
 //! A path begins at the camera, collides with a medium (`tracking`), sees there the light of one light source
-//! (`direct`), turns by the phase function, and goes on until it escapes, is absorbed or has been scattered often
+//! (`direct`, `near`), turns by the phase function, and goes on until it escapes, is absorbed or has been scattered often
 //! enough. Its mean is the radiance
 //!
 //! `L(x, ω) = ∫ T(t) (σ_a c + σ_s ∫ p(ω·ω') L(x + tω, ω') dω') dt + T(∞) · environment`
@@ -87,6 +87,8 @@ trait Kernel: Sync + Send {
     fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary;
     /// Returns the optical depth of a world ray, the mean of the channels.
     fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> f64;
+    /// Returns the extinction at a world position, the mean of the channels.
+    fn extinction(&self, at: DVec3) -> f64;
     /// Traces a path from a camera's ray, which was walked last.
     fn trace(
         &self,
@@ -108,6 +110,10 @@ impl<M: Media> Kernel for M {
 
     fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> f64 {
         Media::optical_depth(self, ray, scratch).element_sum() / 3.0
+    }
+
+    fn extinction(&self, at: DVec3) -> f64 {
+        Media::extinction(self, at)
     }
 
     fn trace(
@@ -133,9 +139,14 @@ impl<'a> PathTracer<'a> {
     /// If a medium or a light cannot be used, or a volume is pre-shaded.
     pub fn new(scene: &'a Scene) -> Result<Self> {
         let kernel = kernel::specialised(scene)?;
-        let fields = scene.volumes.iter().filter_map(Volume::density);
-        let bounds = fields.map(|(field, _)| field.world_bounds()).fold(Aabb::EMPTY, Aabb::union);
-        let lighting = Lighting::new(&scene.lights, scene.environment.clone(), bounds)?;
+        let scattering: Vec<_> =
+            scene.volumes.iter().filter_map(Volume::density).filter(|(_, m)| m.scatters()).collect();
+        let bounds = if scattering.iter().all(|(_, medium)| medium.scattering.as_ref().is_none_or(near::pay)) {
+            scattering.iter().map(|(field, _)| field.world_bounds()).fold(Aabb::EMPTY, Aabb::union)
+        } else {
+            Aabb::EMPTY
+        };
+        let lighting = Lighting::new(&scene.lights, scene.environment.clone(), (bounds, &|at| kernel.extinction(at)))?;
         Ok(Self { kernel, lighting, limits: Limits::default(), arch: Arch::default() })
     }
 
@@ -229,10 +240,10 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
             out.unscattered += media.emitted(ray, Some(primary), sampler, scratch);
         }
         if NEAR && limits.max_bounces > 0 {
-            out.direct += lighting.along(media, ray, sampler, scratch);
+            out.direct += lighting.along(media, (ray, primary), sampler, scratch);
         }
         let Some((mut collision, mut weight)) = collision else { return out };
-        let (mut ray, mut bounces) = (*ray, 0);
+        let (mut ray, mut bounces, mut drawn) = (*ray, 0, None);
         loop {
             scratch.counts.collisions += 1;
             let albedo = media.albedo(&collision);
@@ -258,12 +269,12 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
             bounces += 1;
             let phase = media.phase(&collision, at);
             let [u, v, of_lights, of_light] = sampler.stratified();
-            let end = End { media, lighting, ray, distance: collision.distance };
-            let drawn = lighting.sample(at, [of_lights, of_light]).and_then(|(light, arrival)| {
+            let end = End { media, lighting, ray, distance: collision.distance, drawn };
+            let arriving = lighting.sample(at, [of_lights, of_light]).and_then(|(light, arrival)| {
                 let counts = if NEAR { end.thinned(light, &arrival, sampler) } else { 1.0 };
                 (!NEAR || counts > 0.0).then_some((arrival, counts))
             });
-            if let Some((arrival, counts)) = drawn {
+            if let Some((arrival, counts)) = arriving {
                 let toward = Ray { origin: at, direction: arrival.direction };
                 let scattered = phase.value(ray.direction, arrival.direction);
                 scratch.counts.shadow_rays += 1;
@@ -272,14 +283,14 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
                 let seen = if NEAR { seen * counts } else { seen };
                 *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += seen;
             }
+            if NEAR && bounces < limits.max_bounces {
+                out.indirect += weight * lighting.around(media, (at, ray.direction, phase), sampler, scratch);
+            }
             let (direction, density) = phase.sample(ray.direction, [u, v]);
             scratch.counts.impossible += u64::from(density.is_nan() || density <= 0.0);
-            ray = Ray { origin: at, direction };
+            (ray, drawn) = (Ray { origin: at, direction }, Some(density));
             if M::GLOWS {
                 out.indirect += weight * media.emitted(&ray, None, sampler, scratch);
-            }
-            if NEAR && bounces < limits.max_bounces {
-                out.indirect += weight * lighting.along(media, &ray, sampler, scratch);
             }
             let next = media.collide(&ray, weight, sampler, scratch);
             let reach = next.map_or(f64::INFINITY, |(collision, _)| collision.distance);

@@ -72,6 +72,17 @@ pub(super) trait Media: Sync + Send {
     fn first(&self, ray: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Visible;
     /// Returns an estimate of the transmittance of the first `length` of a world ray of unit direction.
     fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3;
+    /// Returns an estimate of the transmittance of the first `length` of a world ray of unit direction, which may be the
+    /// camera's ray that was walked last.
+    fn passed(
+        &self,
+        (ray, _): (&Ray, Option<&Primary>),
+        length: f64,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Vec3 {
+        self.transmittance(ray, length, sampler, scratch)
+    }
     /// Returns the part of a world ray of unit direction that is within the bounds of the media.
     fn range(&self, ray: &Ray) -> Option<(f64, f64)>;
     /// Returns the extinction at a world position, the mean of the channels.
@@ -320,6 +331,22 @@ impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
             Shadows::Quadrature => self.quadrature(ray, length, sampler, scratch),
             Shadows::Ratio => self.ratio(ray, length, sampler, scratch),
         })
+    }
+
+    #[inline(always)]
+    fn passed(
+        &self,
+        (ray, primary): (&Ray, Option<&Primary>),
+        length: f64,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Vec3 {
+        let walked = primary.and_then(|primary| primary.walked.as_ref());
+        let depth = walked.and_then(|walked| self.dvr.depth_before(walked, length, &scratch.camera));
+        depth.map_or_else(
+            || self.transmittance(ray, length, sampler, scratch),
+            |depth| Vec3::splat((-depth).exp() as f32),
+        )
     }
 
     #[inline(always)]
