@@ -65,8 +65,8 @@ impl Lighting {
     }
 
     /// Returns the number of one of the lights, drawn by two numbers in [0, 1), and light that arrives from it at a
-    /// point, with the density among all lights. The constant environment is left to rays that meet it: no density suits it better than the
-    /// phase function's.
+    /// point, with the density among all lights. The constant environment is left to rays that meet it: no density
+    /// suits it better than the phase function's.
     #[inline(always)]
     pub(crate) fn sample(&self, from: DVec3, [choice, u]: [f64; 2]) -> Option<(usize, Arrival)> {
         let count = self.count();

@@ -6,7 +6,8 @@
 //!
 //! `L(x, ω) = ∫ T(t) (σ_a c + σ_s ∫ p(ω·ω') L(x + tω, ω') dω') dt + T(∞) · environment`
 //!
-//! without bias (Novák et al. 2018 survey the estimators).
+//! without bias (Novák et al. 2018 survey the estimators). Small lights inside thin media are looked for at points near
+//! them as well (`near`; Kulla & Fajardo 2012, Georgiev et al. 2013).
 //!
 //! [`PathTracer`] picks its kernel once for a scene: the kind of medium and its phase function are types inside the
 //! loops.
