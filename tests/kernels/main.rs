@@ -24,6 +24,7 @@ mod gradients;
 #[cfg(all(target_arch = "x86_64", target_env = "gnu"))]
 mod hashes;
 mod loss;
+mod near_lights;
 mod optimise;
 mod path_tracing;
 mod plan;

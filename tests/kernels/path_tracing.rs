@@ -26,7 +26,7 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// Mean and squared standard error of each channel.
-type Estimate = [[f64; 2]; 3];
+pub type Estimate = [[f64; 2]; 3];
 
 /// Groups of paths; the numbers within a group are not independent, its means are.
 const GROUPS: u32 = 256;
@@ -38,7 +38,7 @@ fn sample(tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &m
     tracer.li(ray, &primary, sampler, scratch)
 }
 
-fn estimate(tracer: &PathTracer<'_>, ray: &Ray, paths: u32) -> Estimate {
+pub fn estimate(tracer: &PathTracer<'_>, ray: &Ray, paths: u32) -> Estimate {
     let (mut scratch, mut moments) = (Scratch::default(), [Moments::default(); 3]);
     for group in 0..GROUPS {
         let mut sum = Vec3::ZERO;
@@ -75,7 +75,7 @@ fn limit(numbers: usize) -> f64 {
     low
 }
 
-fn assert_agree(what: &str, found: &[Estimate], expected: &[Estimate]) {
+pub fn assert_agree(what: &str, found: &[Estimate], expected: &[Estimate]) {
     let (worst, limit) = (deviation(found, expected), limit(3 * found.len()));
     println!("{what}: {worst:.2} standard errors at most, {limit:.2} allowed");
     assert!(worst < limit, "{what}: {worst} > {limit}\n{found:?}\n{expected:?}");
@@ -85,21 +85,21 @@ fn exact(values: impl IntoIterator<Item = [f64; 3]>) -> Vec<Estimate> {
     values.into_iter().map(|rgb| rgb.map(|v| [v, 0.0])).collect()
 }
 
-fn medium(extinction: f64, albedo: [f32; 3], phase: Phase) -> Medium {
+pub fn medium(extinction: f64, albedo: [f32; 3], phase: Phase) -> Medium {
     Medium { scattering: Some(Scattering::new(albedo, phase)), ..Medium::absorbing(extinction) }
 }
 
-fn scene(field: &Bricks<f32>, medium: Medium, lights: Vec<Light>, sky: [f32; 3]) -> Scene {
+pub fn scene(field: &Bricks<f32>, medium: Medium, lights: Vec<Light>, sky: [f32; 3]) -> Scene {
     let environment = Environment::constant(sky);
     Scene { volumes: vec![Volume::Density(field.clone(), medium)], environment, lights, ..Scene::default() }
 }
 
-fn lumpy(transform: Affine) -> Bricks<f32> {
+pub fn lumpy(transform: Affine) -> Bricks<f32> {
     field(20, transform, lumps(20))
 }
 
 /// Rays with some of the volume in front of them.
-fn through(field: &Bricks<f32>, count: usize) -> Vec<Ray> {
+pub fn through(field: &Bricks<f32>, count: usize) -> Vec<Ray> {
     let dvr = Dvr::new(field, Medium::absorbing(1.0)).unwrap();
     let thick = |ray: &Ray| dvr.optical_depth(ray) > 0.1 * field.transform.voxel_size().min_element();
     rays(field.world_bounds(), 200, 11).into_iter().filter(thick).take(count).collect()
@@ -131,7 +131,7 @@ fn scattered_once(
     (sum * DVec3::from_array(albedo.map(f64::from))).to_array()
 }
 
-const ALBEDO: [f32; 3] = [0.9, 0.6, 0.3];
+pub const ALBEDO: [f32; 3] = [0.9, 0.6, 0.3];
 
 /// A sun without extent, for several anisotropies and transforms; a point light; sun, sphere and rectangle with extent.
 #[test]
@@ -289,7 +289,7 @@ fn a_white_furnace_stays_white() {
     }
 }
 
-fn peaks() -> Table {
+pub fn peaks() -> Table {
     let value = |s: f64| [0.8 * s, 0.3 + 0.1 * s, 0.2, s];
     Table::new(vec![0.05, 0.2, 0.3, 0.6, 0.6, 0.9], [0.0, 3.0, 0.2, 0.0, 1.0, 0.5].map(value).to_vec()).unwrap()
 }

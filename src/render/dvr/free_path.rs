@@ -111,6 +111,41 @@ impl Dvr<'_, f32> {
         if depth < walked.depth { self.locate(&walked, depth, tape) } else { None }
     }
 
+    /// Returns the optical depth of the first `length` of the world ray whose way the tape holds, where the extinction is
+    /// proportional to the density; `None` where it is not.
+    #[inline(always)]
+    pub(crate) fn depth_before(&self, walked: &TracedRay, length: f64, tape: &Tape<f32>) -> Option<f64> {
+        let CompiledMedium::Line(_) = &self.compiled else { return None };
+        if walked.depth <= 0.0 {
+            return Some(0.0);
+        }
+        let Tape { cells, spans, span_ends, integrals, .. } = tape;
+        let length = length - walked.enter;
+        let Some(number) = spans.partition_point(|span| span.start <= length).checked_sub(1) else { return Some(0.0) };
+        let (span, values) = (&spans[number], &self.field.values[..]);
+        let first = if number == 0 { 0 } else { span_ends[number - 1] };
+        let before = if first == 0 { 0.0 } else { integrals[first - 1] };
+        let (mut depth, mut from, mut quartet) = (before, 0.0, first);
+        while quartet < span_ends[number] {
+            let end = from + cells[quartet].length();
+            if span.start + end > length {
+                break;
+            }
+            (depth, from, quartet) = (integrals[quartet], end, quartet + 1);
+        }
+        for cell in 0..if quartet < span_ends[number] { LANES } else { 0 } {
+            let [of_cell, within] = cells[quartet].cell(cell, values);
+            let rest = length - span.start - from;
+            if rest < of_cell {
+                let densities = chord(values, span, cells[quartet].offset[cell], [from, rest]);
+                depth += rest * Cubic::through(densities.map(f64::from)).integral(1.0);
+                break;
+            }
+            (depth, from) = (depth + within, from + of_cell);
+        }
+        Some((self.medium.extinction * depth).min(walked.depth))
+    }
+
     /// Extinction proportional to the density: keeps spans, their cells and the integrals, and returns the optical
     /// depth.
     #[inline(always)]

@@ -7,7 +7,7 @@
 
 use super::optics::Any;
 use super::phase::{Mixed, Shaded};
-use super::tracking::{Collision, EXACT_DEPTH, LEAST_TRANSMITTANCE, Media, One, Visible, any};
+use super::tracking::{Collision, EXACT_DEPTH, LEAST_TRANSMITTANCE, Media, One, Visible, any, joined};
 use super::{Primary, Scratch};
 use crate::error::Result;
 use crate::math::Ray;
@@ -154,6 +154,33 @@ impl Media for Chromatic<'_> {
             product *= (DVec3::splat(raised) - one.color * depth).map(f64::exp);
         }
         product.as_vec3()
+    }
+
+    fn passed(
+        &self,
+        (ray, primary): (&Ray, Option<&Primary>),
+        length: f64,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Vec3 {
+        if let ([one], Some(walked)) = (&self.0[..], primary.and_then(|primary| primary.walked))
+            && let Some(depth) = one.volume.dvr.depth_before(&walked, length, &scratch.camera)
+        {
+            return (-depth * one.color).map(f64::exp).as_vec3();
+        }
+        self.transmittance(ray, length, sampler, scratch)
+    }
+
+    fn range(&self, ray: &Ray) -> Option<(f64, f64)> {
+        self.0.iter().filter_map(|one| one.volume.range(ray)).reduce(joined)
+    }
+
+    fn extinction(&self, at: DVec3) -> f64 {
+        self.0.iter().map(|one| one.volume.extinction(at) * (one.color.element_sum() / 3.0)).sum()
+    }
+
+    fn scattered(&self, at: DVec3, from: DVec3, to: DVec3) -> Vec3 {
+        self.0.iter().map(|one| one.volume.scattered(at, from, to) * one.color.as_vec3()).sum()
     }
 
     fn albedo(&self, collision: &Collision) -> Vec3 {

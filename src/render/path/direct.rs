@@ -1,15 +1,18 @@
 //! Light that arrives at a point straight from its source: drawn from the lights, or met by a ray that the phase
 //! function chose, both weighted by their probabilities (multiple importance sampling; Veach & Guibas 1995).
 
+use super::near::NearLights;
 use crate::error::Result;
-use crate::math::Ray;
+use crate::math::{Aabb, Ray};
 use crate::scene::environment::Environment;
 use crate::scene::light::{Arrival, Light};
 use glam::{DVec3, Vec3};
 
 /// The lights of a scene.
 pub(super) struct Lighting {
-    lights: Vec<Light>,
+    pub lights: Vec<Light>,
+    /// Those of them that are near to the media.
+    pub near: NearLights,
     environment: Environment,
     /// Radiance that the camera sees behind the media in place of the environment.
     pub background: Option<Vec3>,
@@ -30,23 +33,28 @@ fn heuristic(own: f64, other: f64) -> f64 {
 }
 
 impl Lighting {
-    /// Checks the lights.
+    /// Checks the lights around media within these bounds, of this extinction by place.
     ///
     /// # Errors
     /// If a light cannot be used.
-    pub(crate) fn new(lights: &[Light], environment: Environment) -> Result<Self> {
+    pub(crate) fn new(
+        lights: &[Light],
+        environment: Environment,
+        (bounds, extinction): (Aabb, &dyn Fn(DVec3) -> f64),
+    ) -> Result<Self> {
         let lights = lights.iter().enumerate();
         let lights = lights.map(|(i, light)| light.checked().map_err(|e| e.part(format!("light {i}"))));
         let lights: Vec<Light> = lights.collect::<Result<_>>()?;
         // In light that is the same from all around, what is scattered makes up for what is dimmed, path by path, if
         // all scatter.
         let often = if lights.is_empty() && environment.map.is_none() { f64::INFINITY } else { OFTEN };
-        Ok(Self { lights, environment, background: None, often })
+        let near = NearLights::new(&lights, bounds, extinction);
+        Ok(Self { lights, near, environment, background: None, often })
     }
 
     /// Returns the number of lights that directions are drawn from, the picture of the environment among them.
     #[inline(always)]
-    fn count(&self) -> f64 {
+    pub(crate) fn count(&self) -> f64 {
         (self.lights.len() + usize::from(self.environment.map.is_some())) as f64
     }
 
@@ -56,11 +64,11 @@ impl Lighting {
         self.background.unwrap_or_else(|| self.environment.towards(direction))
     }
 
-    /// Returns light that arrives at a point from one of the lights, drawn by two numbers in [0, 1), with the density
-    /// among all lights. The constant environment is left to rays that meet it: no density suits it better than the
-    /// phase function's.
+    /// Returns the number of one of the lights, drawn by two numbers in [0, 1), and light that arrives from it at a
+    /// point, with the density among all lights. The constant environment is left to rays that meet it: no density
+    /// suits it better than the phase function's.
     #[inline(always)]
-    pub(crate) fn sample(&self, from: DVec3, [choice, u]: [f64; 2]) -> Option<Arrival> {
+    pub(crate) fn sample(&self, from: DVec3, [choice, u]: [f64; 2]) -> Option<(usize, Arrival)> {
         let count = self.count();
         let scaled = choice * count;
         let number = scaled as usize;
@@ -70,9 +78,9 @@ impl Lighting {
         };
         if arrival.density.is_infinite() {
             // A light without extent is drawn with the probability of its choice alone.
-            return Some(Arrival { radiance: arrival.radiance * count as f32, ..arrival });
+            return Some((number, Arrival { radiance: arrival.radiance * count as f32, ..arrival }));
         }
-        Some(Arrival { density: arrival.density / count, ..arrival })
+        Some((number, Arrival { density: arrival.density / count, ..arrival }))
     }
 
     /// Returns the radiance of what [`Lighting::sample`] drew, over its density, weighted against the phase function
@@ -86,7 +94,8 @@ impl Lighting {
     }
 
     /// Returns the radiance that a ray meets before `reach`, weighted against drawing it from the lights; the ray's
-    /// direction was drawn with the given density. `survival` tells what light from a distance is to be multiplied by.
+    /// direction was drawn with the given density. `survival` tells what light from a distance is to be multiplied by, and
+    /// `counts` what that of a light.
     #[inline(always)]
     pub(crate) fn hit_radiance(
         &self,
@@ -94,6 +103,7 @@ impl Lighting {
         reach: f64,
         density: f64,
         mut survival: impl FnMut(f64) -> Vec3,
+        counts: impl Fn(usize, &Arrival) -> f32,
     ) -> Vec3 {
         let count = self.count();
         let mut radiance = Vec3::ZERO;
@@ -107,11 +117,11 @@ impl Lighting {
                 radiance *= survival(f64::INFINITY);
             }
         }
-        for light in &self.lights {
+        for (number, light) in self.lights.iter().enumerate() {
             if let Some(arrival) = light.hit(ray)
                 && (arrival.distance < reach || reach.is_infinite())
             {
-                let share = heuristic(density, arrival.density / count) as f32;
+                let share = heuristic(density, arrival.density / count) as f32 * counts(number, &arrival);
                 radiance += arrival.radiance * share * survival(arrival.distance);
             }
         }

@@ -116,6 +116,32 @@ impl<M: Media, G: Glow> Media for Emissive<M, G> {
     }
 
     #[inline(always)]
+    fn passed(
+        &self,
+        from: (&Ray, Option<&Primary>),
+        length: f64,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Vec3 {
+        self.media.passed(from, length, sampler, scratch)
+    }
+
+    #[inline(always)]
+    fn range(&self, ray: &Ray) -> Option<(f64, f64)> {
+        self.media.range(ray)
+    }
+
+    #[inline(always)]
+    fn extinction(&self, at: DVec3) -> f64 {
+        self.media.extinction(at)
+    }
+
+    #[inline(always)]
+    fn scattered(&self, at: DVec3, from: DVec3, to: DVec3) -> Vec3 {
+        self.media.scattered(at, from, to)
+    }
+
+    #[inline(always)]
     fn albedo(&self, collision: &Collision) -> Vec3 {
         self.media.albedo(collision)
     }

@@ -1,12 +1,13 @@
 //! Volumetric path tracing: light that media emit, absorb and scatter any number of times.
 //!
 //! A path begins at the camera, collides with a medium (`tracking`), sees there the light of one light source
-//! (`direct`), turns by the phase function, and goes on until it escapes, is absorbed or has been scattered often
+//! (`direct`, `near`), turns by the phase function, and goes on until it escapes, is absorbed or has been scattered often
 //! enough. Its mean is the radiance
 //!
 //! `L(x, ω) = ∫ T(t) (σ_a c + σ_s ∫ p(ω·ω') L(x + tω, ω') dω') dt + T(∞) · environment`
 //!
-//! without bias (Novák et al. 2018 survey the estimators).
+//! without bias (Novák et al. 2018 survey the estimators). Small lights inside thin media are looked for at points near
+//! them as well (`near`; Kulla & Fajardo 2012, Georgiev et al. 2013).
 //!
 //! [`PathTracer`] picks its kernel once for a scene: the kind of medium and its phase function are types inside the
 //! loops.
@@ -16,13 +17,14 @@ mod direct;
 mod emissive;
 mod flames;
 mod kernel;
+mod near;
 mod optics;
 mod phase;
 mod tracking;
 
 use crate::arch::Arch;
 use crate::error::Result;
-use crate::math::Ray;
+use crate::math::{Aabb, Ray};
 use crate::render::dvr::{Tape, TracedRay};
 use crate::render::integrator::{Counts, First, Integrator, Sample, mean};
 use crate::render::preshaded;
@@ -30,8 +32,10 @@ use crate::render::sampler::Sampler;
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
 use crate::scene::scene::Scene;
+use crate::scene::volume::Volume;
 use direct::Lighting;
 use glam::{DVec3, Vec3};
+use near::{End, NearLights};
 use phase::PhaseFunction;
 use tracking::{Collision, Media, Visible};
 
@@ -88,6 +92,8 @@ trait Kernel: Sync + Send {
     fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary;
     /// Returns the optical depth of a world ray, the mean of the channels.
     fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> f64;
+    /// Returns the extinction at a world position, the mean of the channels.
+    fn extinction(&self, at: DVec3) -> f64;
     /// Traces a path within limits from a camera's ray, which was walked last.
     fn trace(
         &self,
@@ -112,6 +118,10 @@ impl<M: Media> Kernel for M {
         Media::optical_depth(self, ray, scratch).element_sum() / 3.0
     }
 
+    fn extinction(&self, at: DVec3) -> f64 {
+        Media::extinction(self, at)
+    }
+
     fn trace(
         &self,
         tracer: &PathTracer<'_>,
@@ -121,7 +131,12 @@ impl<M: Media> Kernel for M {
         scratch: &mut Scratch,
     ) -> Sample {
         let PathTracer { lighting, dark, arch, .. } = tracer;
-        arch.dispatch(Path { media: self, lighting, limits, dark: *dark, ray, primary, sampler, scratch })
+        let dark = *dark;
+        if lighting.near.is_empty() {
+            arch.dispatch(Path::<_, false> { media: self, lighting, limits, dark, ray, primary, sampler, scratch })
+        } else {
+            arch.dispatch(Path::<_, true> { media: self, lighting, limits, dark, ray, primary, sampler, scratch })
+        }
     }
 }
 
@@ -132,7 +147,14 @@ impl<'a> PathTracer<'a> {
     /// If a medium or a light cannot be used, or a volume is pre-shaded.
     pub fn new(scene: &'a Scene) -> Result<Self> {
         let kernel = kernel::specialised(scene)?;
-        let lighting = Lighting::new(&scene.lights, scene.environment.clone())?;
+        let scattering: Vec<_> =
+            scene.volumes.iter().filter_map(Volume::density).filter(|(_, m)| m.scatters()).collect();
+        let bounds = if scattering.iter().all(|(_, medium)| medium.scattering.as_ref().is_none_or(near::pay)) {
+            scattering.iter().map(|(field, _)| field.world_bounds()).fold(Aabb::EMPTY, Aabb::union)
+        } else {
+            Aabb::EMPTY
+        };
+        let lighting = Lighting::new(&scene.lights, scene.environment.clone(), (bounds, &|at| kernel.extinction(at)))?;
         Ok(Self { kernel, lighting, limits: Limits::default(), dark: false, arch: Arch::default() })
     }
 
@@ -160,13 +182,21 @@ impl<'a> PathTracer<'a> {
         self
     }
 
-    /// Puts other light around the media, before black; `emits` tells whether they emit themselves. All first collisions
-    /// of camera rays scatter light, so that thin media are seen as well as others.
+    /// Looks for light where paths collide alone, for comparison.
+    #[must_use]
+    pub fn at_collisions(mut self) -> Self {
+        self.lighting.near = NearLights::default();
+        self
+    }
+
+    /// Puts other light around the media, before black, which paths look for where they collide alone; `emits` tells
+    /// whether media emit themselves. All first collisions of camera rays scatter light, so that thin media are seen as
+    /// well as others.
     ///
     /// # Errors
     /// If a light cannot be used.
     pub(crate) fn relight(&mut self, lights: &[Light], environment: Environment, emits: bool) -> Result<()> {
-        self.lighting = Lighting::new(lights, environment)?;
+        self.lighting = Lighting::new(lights, environment, (Aabb::EMPTY, &|_| 0.0))?;
         (self.lighting.often, self.lighting.background) = (f64::INFINITY, Some(Vec3::ZERO));
         self.dark = !emits;
         Ok(())
@@ -219,8 +249,8 @@ impl Integrator for PathTracer<'_> {
     }
 }
 
-/// One path, as the unit that is compiled for each instruction set.
-struct Path<'p, M> {
+/// One path, as the unit that is compiled for each instruction set, and for scenes with lights near to the media.
+struct Path<'p, M, const NEAR: bool> {
     media: &'p M,
     lighting: &'p Lighting,
     limits: Limits,
@@ -231,7 +261,7 @@ struct Path<'p, M> {
     scratch: &'p mut Scratch,
 }
 
-impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
+impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
     type Output = Sample;
 
     #[inline(always)]
@@ -243,8 +273,11 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
         if M::GLOWS && !dark {
             out.unscattered += media.emitted(ray, Some(primary), sampler, scratch);
         }
+        if NEAR && limits.max_bounces > 0 {
+            out.direct += lighting.along(media, (ray, primary), sampler, scratch);
+        }
         let Some((mut collision, mut weight)) = collision else { return out };
-        let (mut ray, mut bounces) = (*ray, 0);
+        let (mut ray, mut bounces, mut drawn) = (*ray, 0, None);
         loop {
             scratch.counts.collisions += 1;
             let albedo = media.albedo(&collision);
@@ -270,24 +303,34 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             bounces += 1;
             let phase = media.phase(&collision, at);
             let [u, v, of_lights, of_light] = sampler.stratified();
-            if let Some(arrival) = lighting.sample(at, [of_lights, of_light]) {
+            let end = End { media, lighting, ray, distance: collision.distance, drawn };
+            let arriving = lighting.sample(at, [of_lights, of_light]).and_then(|(light, arrival)| {
+                let counts = if NEAR { end.thinned(light, &arrival, sampler) } else { 1.0 };
+                (!NEAR || counts > 0.0).then_some((arrival, counts))
+            });
+            if let Some((arrival, counts)) = arriving {
                 let toward = Ray { origin: at, direction: arrival.direction };
                 let scattered = phase.value(ray.direction, arrival.direction);
                 scratch.counts.shadow_rays += 1;
                 let transmittance = media.transmittance(&toward, arrival.distance, sampler, scratch);
                 let seen = weight * lighting.weighted(&arrival, scattered) * transmittance;
+                let seen = if NEAR { seen * counts } else { seen };
                 *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += seen;
+            }
+            if NEAR && bounces < limits.max_bounces {
+                out.indirect += weight * lighting.around(media, (at, ray.direction, phase), sampler, scratch);
             }
             let (direction, density) = phase.sample(ray.direction, [u, v]);
             scratch.counts.impossible += u64::from(density.is_nan() || density <= 0.0);
-            ray = Ray { origin: at, direction };
+            (ray, drawn) = (Ray { origin: at, direction }, Some(density));
             if M::GLOWS && !dark {
                 out.indirect += weight * media.emitted(&ray, None, sampler, scratch);
             }
             let next = media.collide(&ray, weight, sampler, scratch);
             let reach = next.map_or(f64::INFINITY, |(collision, _)| collision.distance);
-            let met =
-                lighting.hit_radiance(&ray, reach, density, |distance| media.survival(&ray, distance, weight, scratch));
+            let survival = |distance| media.survival(&ray, distance, weight, scratch);
+            let counts = |light, arrival: &_| if NEAR { end.left(light, arrival) } else { 1.0 };
+            let met = lighting.hit_radiance(&ray, reach, density, survival, counts);
             *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += weight * met;
             let Some((next, factor)) = next else { return out };
             (collision, weight) = (next, weight * factor);

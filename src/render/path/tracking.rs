@@ -72,6 +72,24 @@ pub(super) trait Media: Sync + Send {
     fn first(&self, ray: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Visible;
     /// Returns an estimate of the transmittance of the first `length` of a world ray of unit direction.
     fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3;
+    /// Returns an estimate of the transmittance of the first `length` of a world ray of unit direction, which may be the
+    /// camera's ray that was walked last.
+    fn passed(
+        &self,
+        (ray, _): (&Ray, Option<&Primary>),
+        length: f64,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Vec3 {
+        self.transmittance(ray, length, sampler, scratch)
+    }
+    /// Returns the part of a world ray of unit direction that is within the bounds of the media.
+    fn range(&self, ray: &Ray) -> Option<(f64, f64)>;
+    /// Returns the extinction at a world position, the mean of the channels.
+    fn extinction(&self, at: DVec3) -> f64;
+    /// Returns the share of light per world length and steradian that is scattered at a world position, from direction
+    /// `to` for a path that arrives in direction `from`.
+    fn scattered(&self, at: DVec3, from: DVec3, to: DVec3) -> Vec3;
     /// Returns the share of the extinction that is scattered.
     fn albedo(&self, collision: &Collision) -> Vec3;
     /// Returns the radiance of the source, of which the share that is not scattered is emitted.
@@ -194,6 +212,20 @@ impl<O: DensityMedium, P> One<'_, O, P> {
         dense
     }
 
+    /// Returns the density and the extinction at a world position; `None` where nothing is.
+    #[inline(always)]
+    pub(super) fn extinction_at(&self, at: DVec3) -> Option<(f32, f32)> {
+        let field = self.dvr.field();
+        let index = field.transform.to_index(at);
+        if !(index.cmpge(field.domain.min) & index.cmple(field.domain.max)).all() {
+            return None;
+        }
+        let corners = field.corners(index)?;
+        let density = corners.iter().map(|(voxel, weight)| *weight as f32 * field.values[*voxel]).sum();
+        let extinction = self.optics.extinction(density);
+        (extinction > 0.0).then_some((density, extinction))
+    }
+
     /// Draws the collision with this volume before `limit`.
     #[inline(always)]
     fn collision(&self, ray: &Ray, limit: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<(f64, f32)> {
@@ -302,6 +334,40 @@ impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
     }
 
     #[inline(always)]
+    fn passed(
+        &self,
+        (ray, primary): (&Ray, Option<&Primary>),
+        length: f64,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Vec3 {
+        let walked = primary.and_then(|primary| primary.walked.as_ref());
+        let depth = walked.and_then(|walked| self.dvr.depth_before(walked, length, &scratch.camera));
+        depth.map_or_else(
+            || self.transmittance(ray, length, sampler, scratch),
+            |depth| Vec3::splat((-depth).exp() as f32),
+        )
+    }
+
+    #[inline(always)]
+    fn range(&self, ray: &Ray) -> Option<(f64, f64)> {
+        let field = self.dvr.field();
+        IndexRay::new(&field.domain, &field.transform, ray).map(|ray| (ray.enter, ray.leave))
+    }
+
+    #[inline(always)]
+    fn extinction(&self, at: DVec3) -> f64 {
+        self.extinction_at(at).map_or(0.0, |(_, extinction)| extinction.into())
+    }
+
+    #[inline(always)]
+    fn scattered(&self, at: DVec3, from: DVec3, to: DVec3) -> Vec3 {
+        let Some((_, extinction)) = self.extinction_at(at) else { return Vec3::ZERO };
+        let value = self.phases.at(self.dvr.field(), at).value(from, to);
+        self.albedo * extinction * value as f32
+    }
+
+    #[inline(always)]
     fn albedo(&self, _: &Collision) -> Vec3 {
         self.albedo
     }
@@ -319,6 +385,12 @@ impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
     fn normal(&self, _: usize, position: DVec3) -> DVec3 {
         -gradient(self.dvr.field(), position).normalize_or_zero()
     }
+}
+
+/// Returns the smallest part of a ray that contains two others.
+#[inline(always)]
+pub(super) fn joined(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
+    (a.0.min(b.0), a.1.max(b.1))
 }
 
 /// Several volumes, which may overlap: their extinctions add.
@@ -364,6 +436,21 @@ impl Media for Vec<One<'_, Any, Shaded>> {
     #[inline(always)]
     fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
         self.iter().map(|one| one.transmittance(ray, length, sampler, scratch)).product()
+    }
+
+    #[inline(always)]
+    fn range(&self, ray: &Ray) -> Option<(f64, f64)> {
+        self.iter().filter_map(|one| one.range(ray)).reduce(joined)
+    }
+
+    #[inline(always)]
+    fn extinction(&self, at: DVec3) -> f64 {
+        self.iter().map(|one| one.extinction(at)).sum()
+    }
+
+    #[inline(always)]
+    fn scattered(&self, at: DVec3, from: DVec3, to: DVec3) -> Vec3 {
+        self.iter().map(|one| one.scattered(at, from, to)).sum()
     }
 
     #[inline(always)]
