@@ -205,7 +205,7 @@ impl Page {
     pub(crate) fn commands(&mut self, heading: &str, lines: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
         match lines.is_empty() {
             true => self,
-            false => self.section(heading, code_table(lines)),
+            false => self.section(heading, html! { div.commands { (code_table(lines)) } }),
         }
     }
 
@@ -252,6 +252,12 @@ impl Page {
     /// Adds a table of figures as [`Self::table`] does, whose cells are not broken into lines.
     pub(crate) fn wide_table(&mut self, heading: &str, columns: &[&str], rows: &[Vec<String>]) -> &mut Self {
         let body = figures("figures unbroken", columns, rows);
+        self.section(heading, body)
+    }
+
+    /// Adds a table of texts, each row with its name.
+    pub(crate) fn texts(&mut self, heading: &str, rows: &[Vec<String>]) -> &mut Self {
+        let body = figures("texts", &[], rows);
         self.section(heading, body)
     }
 
