@@ -332,7 +332,7 @@ fn figures(class: &str, columns: &[&str], rows: &[Vec<String>]) -> Markup {
                     @for row in rows {
                         tr {
                             @for (i, cell) in row.iter().enumerate() {
-                                @if i == 0 { th scope="row" { (cell) } } @else { td { (cell) } }
+                                @if i == 0 { th scope="row" { (options(cell)) } } @else { td { (cell) } }
                             }
                         }
                     }
@@ -355,14 +355,19 @@ fn code_table(entries: &[(impl AsRef<str>, impl AsRef<str>)]) -> Markup {
     }
 }
 
-/// Text to be copied, which is broken into lines between the options of a command line, if it is one.
+/// Text to be copied.
 fn code(text: &str) -> Markup {
-    let options = text.split(" --").enumerate();
+    html! { code { (options(text)) } }
+}
+
+/// Text that is broken into lines between the options of a command line, if it is one.
+fn options(text: &str) -> Markup {
+    if !text.contains(" --") {
+        return html! { (text) };
+    }
     html! {
-        code {
-            @for (i, option) in options {
-                @if i > 0 { " " span { "--" (option) } } @else { span { (option) } }
-            }
+        @for (i, option) in text.split(" --").enumerate() {
+            @if i > 0 { " " span { "--" (option) } } @else { span { (option) } }
         }
     }
 }
