@@ -157,17 +157,22 @@ def ours(data, iterations):
     return psnr(path, np.load(data / "truth.npy")), report["seconds"]
 
 
+def llvm():
+    """The environment in which Mitsuba finds an LLVM that it works with."""
+    library = os.environ.get("DRJIT_LIBLLVM_PATH") or next(iter(glob.glob("/usr/lib/*/libLLVM-19.so")), "")
+    return {"DRJIT_LIBLLVM_PATH": library} if library else {}
+
+
 def theirs(wanted, data, environments):
     """Decibels and seconds of the peer."""
     peers, rtk = (env / "bin" / "python" for env in environments)
-    llvm = os.environ.get("DRJIT_LIBLLVM_PATH") or next(iter(glob.glob("/usr/lib/*/libLLVM-19.so")), "")
     command = {
         "B4": [rtk, PEERS / "run_rtk.py", data, "--alg", "cg"],
         "B5": [peers, PEERS / "run_astra.py", data, "--alg", "SIRT"],
         "B6": [peers, PEERS / "run_mitsuba.py", data],
         "B7": [peers, PEERS / "run_astra.py", data, "--alg", "SIRT", "--iters", "150"],
     }[wanted.id]
-    line = json.loads(output(command, **({"DRJIT_LIBLLVM_PATH": llvm} if llvm else {})).splitlines()[-1])
+    line = json.loads(output(command, **llvm()).splitlines()[-1])
     return max(line["psnr_db"], line.get("psnr_clipped_db", 0.0)), line["seconds"]
 
 

@@ -106,6 +106,8 @@ def page(document, measured=(), machine=None):
     if measured:
         lines.append(f"- **measured** figures were taken by `make bench` on the date given. Machine: {machine}.")
     lines += ["", "![Accuracy and time of pictures through transfer functions beside those of VTK](accuracy.svg)"]
+    lines += ["", "![Error against time: through a transfer function beside VTK, paths beside Cycles and Mitsuba 3, denoised and not](error-against-time.svg)"]
+    lines += ["", "`python3 python/accuracy_plot.py PEERS_ENV` measures and draws the second plot; its figures are in `error-against-time.json`."]
     for group in merged(document, measured):
         lines += ["", f"## {group['title']}"]
         lines += [group["about"], ""] if group["about"] else [""]

@@ -1,18 +1,20 @@
 """B8: path tracing beside Mitsuba 3 (`volpath`, LLVM) or Blender's Cycles, in turn: time to equal variance.
 
-    run_paths.py SMOKE.npy SMOKE.vdb [--peer mitsuba] [--only white sun cloud panel] [--samples 64] [--rounds 3] [--threads 2]
+    run_paths.py SMOKE.npy SMOKE.vdb [--peer mitsuba] [--only white sun cloud panel] [--samples 64 ...] [--rounds 3] [--threads 2]
 
 SMOKE is the plume of 128³ voxels in the unit cube, as `make bench` makes it (target/bench/smoke128.*). Each side renders
-256² pixels with box filter and as many paths by different seeds; the mean over pixels of half of the squared
-difference is a picture's variance. Time is that of rendering: the reading of the volume and the compilation
-of kernels are left out; Cycles' is what one picture takes longer than one of a single path. CUMULO is the program, `cumulo`
-by default. For Cycles run it in Blender's environment with python/ on the path.
+256² pixels with box filter and as many paths by different seeds, in a shuffled order; the deviation is the root of the
+mean over pixels of the variance over the seeds. Seconds are processor time of all threads, medians, of what a picture
+takes longer than one of a single path: start, reading of the volume, compilation of kernels and writing are left
+out. CUMULO is the program, `cumulo` by default. For Cycles run it in Blender's environment with python/ on the path.
 """
 
 import argparse
 import json
 import os
 import pathlib
+import random
+import resource
 import statistics
 import subprocess
 import tempfile
@@ -73,8 +75,8 @@ class Mitsuba:
         """An EXR's colors."""
         return np.array(self.mi.Bitmap(str(path)))
 
-    def renderer(self, scene, samples):
-        """A function from seed to picture and seconds."""
+    def renderer(self, scene):
+        """A function from seed and number of paths to picture and seconds."""
         mi, volume = self.mi, self.volume
         if scene["function"]:
             volume = np.interp(doubled(volume), *np.transpose(FUNCTION)).astype(np.float32)
@@ -89,7 +91,7 @@ class Mitsuba:
                 "type": "perspective", "fov": ANGLE,
                 "to_world": mi.ScalarTransform4f().look_at(EYE, TARGET, [0, 0, 1]),
                 "film": {"type": "hdrfilm", "width": SIZE, "height": SIZE, "rfilter": {"type": "box"}, "pixel_format": "rgb"},
-                "sampler": {"type": "independent", "sample_count": samples},
+                "sampler": {"type": "independent"},
             },
             "cube": {"type": "cube", "to_world": place, "bsdf": {"type": "null"}, "interior": medium},
         }  # fmt: skip
@@ -103,12 +105,11 @@ class Mitsuba:
             parts["panel"] = {"type": "rectangle", "to_world": lies, "emitter": emitter}
         loaded = mi.load_dict(parts)
 
-        def render(seed):
-            begin = time.perf_counter()
+        def render(seed, samples):
+            begin = time.process_time()
             picture = np.array(mi.render(loaded, seed=seed, spp=samples))
-            return picture[..., :3], time.perf_counter() - begin
+            return picture[..., :3].astype(np.float64), time.process_time() - begin
 
-        render(0)
         return render
 
 
@@ -124,8 +125,8 @@ class Cycles:
         """An EXR's colors."""
         return self.exr.read_exr(path)
 
-    def renderer(self, scene, samples):
-        """A function from seed to picture and seconds."""
+    def renderer(self, scene):
+        """A function from seed and number of paths to picture and seconds."""
         from cumulo.capture import Camera
 
         lights = [self.blender.Sun(tuple(SUN), (scene["sun"],) * 3)] if scene["sun"] else []
@@ -134,35 +135,32 @@ class Cycles:
         settings = self.blender.Settings(
             model="scattering", density_scale=scene["scale"], emission=(0, 0, 0), background=(0, 0, 0), unbiased=True,
             albedo=(scene["albedo"],) * 3, anisotropy=scene["g"], sky=(scene["sky"],) * 3, lights=tuple(lights),
-            samples=samples, threads=self.threads, function=tuple(map(tuple, FUNCTION)) if scene["function"] else (),
+            samples=1, threads=self.threads, function=tuple(map(tuple, FUNCTION)) if scene["function"] else (),
         )  # fmt: skip
         stage = self.blender.Stage(settings, self.vdb)
         focal = SIZE / 2 / np.tan(np.radians(ANGLE / 2))
         camera = Camera(camera_matrix(), focal, focal, SIZE / 2, SIZE / 2, SIZE, SIZE)
 
-        def timed(count, seed):
-            stage.scene.cycles.samples = count
-            begin = time.perf_counter()
+        def render(seed, samples):
+            stage.scene.cycles.samples = samples
+            begin = time.process_time()
             film = stage.film(camera, seed).astype(np.float64)
-            return film, time.perf_counter() - begin
-
-        timed(1, 0)
-
-        def render(seed):
-            film, seconds = timed(samples, seed)
-            rest = timed(1, seed)[1]
+            seconds = time.process_time() - begin
             # The film is before black; the sky is seen behind.
-            picture = film[..., :3] + (1 - film[..., 3:]) * scene["sky"]
-            return picture, (seconds - rest) * samples / (samples - 1)
+            return film[..., :3] + (1 - film[..., 3:]) * scene["sky"], seconds
 
         return render
 
 
-def ours(scene, a, picture_of, folder):
-    """A function from seed to picture and seconds, of Cumulo."""
-    frame = {"file_path": "view.exr", "transform_matrix": camera_matrix().tolist()}
-    camera = {"w": SIZE, "h": SIZE, "fl_x": SIZE / 2 / np.tan(np.radians(ANGLE / 2)), "frames": [frame]}
-    (folder / "camera.json").write_text(json.dumps(camera))
+def write_cameras(path, matrices):
+    """Writes a capture of cameras without pictures."""
+    frames = [{"file_path": f"view_{i:03}.exr", "transform_matrix": matrix.tolist()} for i, matrix in enumerate(matrices)]
+    camera = {"w": SIZE, "h": SIZE, "fl_x": SIZE / 2 / np.tan(np.radians(ANGLE / 2)), "frames": frames}
+    path.write_text(json.dumps(camera))
+
+
+def write_scene(scene, vdb, folder):
+    """Writes a scene as Cumulo reads it, and returns the path."""
     medium = {"density_scale": scene["scale"], "albedo": [scene["albedo"]] * 3, "anisotropy": scene["g"]}
     if scene["function"]:
         transfer = {"kind": "piecewise", "points": [[x, 0, 0, 0, share] for x, share in FUNCTION]}
@@ -176,15 +174,29 @@ def ours(scene, a, picture_of, folder):
         low = 0.5 - PANEL / 2
         lights.append({"type": "RectLight", "corner": [low, low, HEIGHT], "edges": [[0, PANEL, 0], [PANEL, 0, 0]],
                        "radiance": [scene["panel"]] * 3})  # fmt: skip
-    (folder / "scene.json").write_text(json.dumps({"volumes": [{"file": str(a.vdb.resolve()), "medium": medium}], "lights": lights}))
+    path = folder / "scene.json"
+    path.write_text(json.dumps({"volumes": [{"file": str(vdb.resolve()), "medium": medium}], "lights": lights}))
+    return path
 
-    def render(seed):
-        command = [os.environ.get("CUMULO", "cumulo"), "render", folder / "scene.json", "--cameras", folder / "camera.json"]
-        command += ["--samples", a.samples, "--seed", seed, "--threads", a.threads]
-        command += ["--overwrite", "--quiet", "--json", "-o", folder / f"view{seed}"]
-        done = subprocess.run([str(word) for word in command], check=True, stdout=subprocess.PIPE, text=True)
-        picture = picture_of(folder / f"view{seed}" / "view_000.exr")
-        return picture[..., :3].astype(np.float64), json.loads(done.stdout)["seconds"]
+
+def run(*words):
+    """Runs Cumulo; returns its report, and its seconds of processor time."""
+    command = [os.environ.get("CUMULO", "cumulo"), *words, "--overwrite", "--quiet", "--json"]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([str(word) for word in command], check=True, stdout=subprocess.PIPE, text=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return json.loads(done.stdout), after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def ours(scene, a, picture_of, folder):
+    """A function from seed and number of paths to picture and seconds, of Cumulo."""
+    path = write_scene(scene, a.vdb, folder)
+    write_cameras(folder / "camera.json", [camera_matrix()])
+
+    def render(seed, samples):
+        words = ["--cameras", folder / "camera.json", "--samples", samples, "--seed", seed, "--threads", a.threads]
+        seconds = run("render", path, *words, "-o", folder / "views")[1]
+        return picture_of(folder / "views" / "view_000.exr")[..., :3].astype(np.float64), seconds
 
     return render
 
@@ -192,36 +204,50 @@ def ours(scene, a, picture_of, folder):
 PEERS = {"mitsuba": Mitsuba, "cycles": Cycles}
 
 
+def measured(sides, samples, rounds):
+    """Seconds, deviation, mean and root mean square of the pictures of each side, by number of paths."""
+    counts, order = [1, *samples], random.Random(1)
+    runs = {(side, count): [] for side in sides for count in counts}
+    for side, count in runs:
+        sides[side](0, count)
+    for seed in range(1, rounds + 1):
+        for side, count in order.sample(list(runs), len(runs)):
+            runs[side, count].append(sides[side](seed, count))
+    for count in samples:
+        line = {}
+        for side in sides:
+            start = statistics.median(seconds for _, seconds in runs[side, 1])
+            beyond = [round((seconds - start) * count / (count - 1), 4) for _, seconds in runs[side, count]]
+            pictures = np.stack([picture for picture, _ in runs[side, count]])
+            line[side] = {"seconds": statistics.median(beyond),
+                          "runs": beyond,
+                          "deviation": round(float(np.sqrt(pictures.var(axis=0, ddof=1).mean())), 6),
+                          "mean": round(float(pictures.mean()), 5),
+                          "rms": round(float(np.sqrt((pictures.mean(axis=0) ** 2).mean())), 5)}  # fmt: skip
+        yield count, line
+
+
 def main():
-    """Runs both in turn and prints a line a scene."""
+    """Runs both in turn and prints a line for each scene and number of paths."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("npy", type=pathlib.Path)
     p.add_argument("vdb", type=pathlib.Path)
     p.add_argument("--peer", choices=PEERS, default="mitsuba")
     p.add_argument("--only", nargs="+", choices=SCENES, default=list(SCENES))
-    p.add_argument("--samples", type=int, default=64)
+    p.add_argument("--samples", type=int, nargs="+", default=[64])
     p.add_argument("--rounds", type=int, default=3)
     p.add_argument("--threads", type=int, default=2)
     a = p.parse_args()
+    if min(a.samples) < 2:
+        p.error("a single path is what times are beyond: --samples are 2 or more")
     peer = PEERS[a.peer](a)
     with tempfile.TemporaryDirectory() as folder:
         for name in a.only:
-            sides = {"cumulo": ours(SCENES[name], a, peer.picture_of, pathlib.Path(folder)),
-                     a.peer: peer.renderer(SCENES[name], a.samples)}  # fmt: skip
-            runs = {side: [] for side in sides}
-            for seed in range(1, a.rounds + 1):
-                for side, render in sides.items():
-                    runs[side].append(render(seed))
-            line = {"bench": "B8", "scene": name, "samples": a.samples}
-            for side, of in runs.items():
-                pictures = [picture for picture, _ in of]
-                variance = statistics.mean(np.mean((b - a) ** 2) / 2 for a, b in zip(pictures, pictures[1:]))
-                line[side] = {"seconds": round(statistics.median(s for _, s in of), 3),
-                              "deviation": round(float(np.sqrt(variance)), 5),
-                              "mean": round(float(np.mean(pictures)), 5)}  # fmt: skip
-            cost = {side: line[side]["seconds"] * line[side]["deviation"] ** 2 for side in sides}
-            line["time_to_equal_variance"] = round(cost[a.peer] / cost["cumulo"], 2)
-            print(json.dumps(line), flush=True)
+            sides = {"cumulo": ours(SCENES[name], a, peer.picture_of, pathlib.Path(folder)), a.peer: peer.renderer(SCENES[name])}
+            for count, line in measured(sides, a.samples, a.rounds):
+                cost = {side: line[side]["seconds"] * line[side]["deviation"] ** 2 for side in sides}
+                line["time_to_equal_variance"] = round(cost[a.peer] / cost["cumulo"], 2)
+                print(json.dumps({"bench": "B8", "scene": name, "samples": count, **line}), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """VTK's fixed-point ray caster on a volume, through a transfer function, at several settings (B1).
 
-    run_vtk.py volume.npy --function bump|ramp|thin|bone [--threads 2] [--light light_bump.f64]
+    run_vtk.py volume.npy --function bump|ramp|thin|bone [--threads 2] [--light light_bump.f64] [--steps 1 0.5 0.25]
 
 `volume.npy` is `[z, y, x]`, whole multiples of 1/255, as `volumes.py` writes it. Scalars have 8 and 16 bits, samples
-lie 1, 0.5 and 0.25 voxels apart. Seconds are processor time, of all threads, of a picture of 512². With `--light` the
+lie 1, 0.5 and 0.25 voxels apart by default. Seconds are processor time, of all threads, of a picture of 512². With `--light` the
 picture is compared with the light that `cargo bench --bench kernels -- --pictures` wrote: `[row shift, column shift,
 row, column, rgb]` in f64 for some pixels, at shifts of half a pixel each way. The best of these counts, since VTK's
 rays do not go through the middles of pixels.
@@ -46,6 +46,7 @@ p.add_argument("volume")
 p.add_argument("--function", choices=sorted(OPACITY), default="bump")
 p.add_argument("--threads", type=int, default=2)
 p.add_argument("--light")
+p.add_argument("--steps", type=float, nargs="+", default=STEPS)
 a = p.parse_args()
 
 values = np.load(a.volume)
@@ -109,7 +110,7 @@ def frame(shown, scene, turn):
 
 settings = []
 for bits in BITS:
-    for step in STEPS:
+    for step in a.steps:
         shown, scene = window(bits, step)
         frame(shown, scene, 0.3)
         # A turn that is hardly one: a picture of the same camera is not made again.

@@ -205,7 +205,7 @@ impl Page {
     pub(crate) fn commands(&mut self, heading: &str, lines: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
         match lines.is_empty() {
             true => self,
-            false => self.section(heading, code_table(lines)),
+            false => self.section(heading, html! { div.commands { (code_table(lines)) } }),
         }
     }
 
@@ -252,6 +252,12 @@ impl Page {
     /// Adds a table of figures as [`Self::table`] does, whose cells are not broken into lines.
     pub(crate) fn wide_table(&mut self, heading: &str, columns: &[&str], rows: &[Vec<String>]) -> &mut Self {
         let body = figures("figures unbroken", columns, rows);
+        self.section(heading, body)
+    }
+
+    /// Adds a table of texts, each row with its name.
+    pub(crate) fn texts(&mut self, heading: &str, rows: &[Vec<String>]) -> &mut Self {
+        let body = figures("texts", &[], rows);
         self.section(heading, body)
     }
 
@@ -326,7 +332,7 @@ fn figures(class: &str, columns: &[&str], rows: &[Vec<String>]) -> Markup {
                     @for row in rows {
                         tr {
                             @for (i, cell) in row.iter().enumerate() {
-                                @if i == 0 { th scope="row" { (cell) } } @else { td { (cell) } }
+                                @if i == 0 { th scope="row" { (options(cell)) } } @else { td { (cell) } }
                             }
                         }
                     }
@@ -349,14 +355,19 @@ fn code_table(entries: &[(impl AsRef<str>, impl AsRef<str>)]) -> Markup {
     }
 }
 
-/// Text to be copied, which is broken into lines between the options of a command line, if it is one.
+/// Text to be copied.
 fn code(text: &str) -> Markup {
-    let options = text.split(" --").enumerate();
+    html! { code { (options(text)) } }
+}
+
+/// Text that is broken into lines between the options of a command line, if it is one.
+fn options(text: &str) -> Markup {
+    if !text.contains(" --") {
+        return html! { (text) };
+    }
     html! {
-        code {
-            @for (i, option) in options {
-                @if i > 0 { " " span { "--" (option) } } @else { span { (option) } }
-            }
+        @for (i, option) in text.split(" --").enumerate() {
+            @if i > 0 { " " span { "--" (option) } } @else { span { (option) } }
         }
     }
 }

@@ -7,6 +7,9 @@ use maud::{Markup, PreEscaped, html};
 use plotters::prelude::*;
 use std::ops::Range;
 
+/// Most labels of a vertical axis of many powers of ten.
+const HEIGHT_LABELS: usize = 8;
+
 /// A point with the intervals that it may lie in.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Dot {
@@ -98,12 +101,13 @@ impl Scatter {
             .margin_right(24)
             .x_label_area_size(46)
             .y_label_area_size(64)
-            .build_cartesian_2d(x.clone().log_scale(), y.clone().log_scale())?;
+            .build_cartesian_2d(
+                x.clone().log_scale().with_key_points(ticks(&x, canvas.labels)),
+                y.clone().log_scale().with_key_points(ticks(&y, HEIGHT_LABELS)),
+            )?;
         let text = ("sans-serif", 14).into_font().color(&INK.0);
         chart
             .configure_mesh()
-            .x_labels(canvas.labels)
-            .y_labels(8)
             .x_label_formatter(&|v| power(*v))
             .y_label_formatter(&|v| power(*v))
             .x_desc(&self.x)
@@ -156,6 +160,16 @@ fn decades(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
     (low <= high).then_some(below..above)
 }
 
+/// Ticks of a logarithmic axis: powers of ten, so many of them at most, of fewer than two also their double and fivefold.
+fn ticks(range: &Range<f64>, most: usize) -> Vec<f64> {
+    let [low, high] = [range.start, range.end].map(f64::log10);
+    let steps: &[f64] = if high - low < 2.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+    let every = ((high - low) / most as f64).ceil() as usize;
+    let powers = (low.floor() as i32..=high.ceil() as i32).step_by(every.max(1));
+    let all = powers.flat_map(|power| steps.iter().map(move |step| step * 10_f64.powi(power)));
+    all.filter(|tick| (range.start..=range.end).contains(tick)).collect()
+}
+
 /// Formats a number of an axis, of one digit that is not zero.
 fn power(value: f64) -> String {
     // Powers of ten are not quite whole in logarithms.
@@ -176,6 +190,13 @@ mod tests {
         assert_eq!(decades(std::iter::empty()), None);
         assert_eq!([1e-5, 1e-2, 1.0, 1e3, 1e4].map(power), ["1e-5", "0.01", "1", "1000", "1e4"].map(String::from));
         assert_eq!([2e-3, 3e-2, 500.0].map(power), ["2e-3", "0.03", "500"].map(String::from));
+    }
+
+    #[test]
+    fn axes_have_ticks() {
+        assert_eq!(ticks(&(0.02..0.5), 5), [0.02, 0.05, 0.1, 0.2, 0.5]);
+        assert_eq!(ticks(&(0.5..50.0), 5), [1.0, 10.0]);
+        assert_eq!(ticks(&(1e-9..1.0), 5), [1e-9, 1e-7, 1e-5, 1e-3, 0.1]);
     }
 
     #[test]

@@ -87,7 +87,7 @@ pub(super) fn of(report: &StudyReport, gallery: Option<&Gallery>) -> Result<Page
     let options = [("Made by", reference.options.clone()), ("Uncertain by", reference.uncertain_by())];
     let found = [("Uncertainty", reference.method.clone()), ("Took", format!("{} s", short(reference.seconds)))];
     let rows = options.into_iter().chain(found).map(|(name, value)| vec![name.to_owned(), value]);
-    page.table("Reference", &["", ""], &rows.collect::<Vec<_>>());
+    page.texts("Reference", &rows.collect::<Vec<_>>());
     page.provenance(&report.provenance.rows());
     Ok(page)
 }
