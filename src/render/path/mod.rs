@@ -150,7 +150,10 @@ impl<'a> PathTracer<'a> {
         let scattering: Vec<_> =
             scene.volumes.iter().filter_map(Volume::density).filter(|(_, m)| m.scatters()).collect();
         let bounds = if scattering.iter().all(|(_, medium)| medium.scattering.as_ref().is_none_or(near::pay)) {
-            scattering.iter().map(|(field, _)| field.world_bounds()).fold(Aabb::EMPTY, Aabb::union)
+            scattering
+                .iter()
+                .map(|(field, _)| field.transform.box_to_world(field.domain))
+                .fold(Aabb::EMPTY, Aabb::union)
         } else {
             Aabb::EMPTY
         };
