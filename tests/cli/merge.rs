@@ -107,9 +107,23 @@ fn what_is_no_part_of_a_picture_is_refused() {
         part(&work, options, name);
     }
     work.json("render @plume.vdb --views 1 --size 40x28 --density-scale 4 -o straight.exr");
+    // What other programs have changed.
+    part(&work, "--samples 2 --replicates 4-5", "b.exr");
+    part(&work, "--samples 2 --seed 9", "plain.exr");
+    let attributes = |name: &str| exr::header(&work.path(name)).unwrap().attributes();
+    let mut graded = planes(&work, "b.exr");
+    graded.rgba[300][1] *= 1.5;
+    exr::write_picture(&work.path("graded.exr"), &graded, &attributes("b.exr"), false).unwrap();
+    for name in ["b", "plain"] {
+        let (film, attributes) = (planes(&work, &format!("{name}.exr")), attributes(&format!("{name}.exr")));
+        exr::write_picture(&work.path(&format!("half-{name}.exr")), &film, &attributes, true).unwrap();
+    }
     work.json(&format!("render @cube.vdb {LIT} --samples 2 --replicates 4-5 -o volume.exr"));
     for (name, facts) in [
-        ("same.exr", vec!["seed 0", "3-4"]),
+        ("graded.exr", vec!["graded.exr", "another program"]),
+        ("half-b.exr", vec!["half-b.exr"]),
+        ("half-plain.exr", vec!["half-plain.exr", "32 bits"]),
+        ("same.exr", vec!["seed 0: 3 "]),
         ("medium.exr", vec!["a.exr", "--anisotropy 0.5"]),
         ("camera.exr", vec!["--fov 30"]),
         ("cut.exr", vec!["--crop"]),

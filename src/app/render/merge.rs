@@ -92,7 +92,8 @@ pub struct MergeReport {
 impl fmt::Display for MergeReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { output, pictures, replicates, accuracy, seconds } = self;
-        write!(f, "{}: {pictures} pictures joined in {seconds:.2} s, replicates of {replicates}", output.display())?;
+        let s = if *pictures == 1 { "" } else { "s" };
+        write!(f, "{}: {pictures} picture{s} joined in {seconds:.2} s, replicates of {replicates}", output.display())?;
         accuracy.iter().try_for_each(|accuracy| write!(f, "\n{accuracy}"))
     }
 }
@@ -166,7 +167,7 @@ fn another(first: &Path, path: &Path, attributes: [&exr::Attributes; 2]) -> Erro
     Error::invalid(format!("this picture shows something else than '{}': '{a}' and '{b}' made them", first.display()))
         .at(path)
         .hint(
-            "join pictures of the same scene, view, size and inputs, whose commands differ in ⟨seed⟩, ⟨samples⟩ and \
-             ⟨replicates⟩ alone",
+            "join pictures of the same scene, view and size, and of the same content of all inputs, whose commands differ \
+             in ⟨seed⟩, ⟨samples⟩ and ⟨replicates⟩ alone",
         )
 }

@@ -97,6 +97,13 @@ impl Header {
         layers
     }
 
+    /// True if the unnamed layer has R, G, B and A as 32-bit floating-point numbers.
+    pub(crate) fn is_of_floats(&self) -> bool {
+        let channels = || self.parts.iter().flat_map(|part| &part.channels);
+        let float = |name: &str| channels().any(|c| c.name == name && c.sample_type == SampleType::Float);
+        ["R", "G", "B", "A"].into_iter().all(float)
+    }
+
     /// Primaries of the colors: those of the attribute `chromaticities`, else Rec.709, which OpenEXR takes for granted.
     pub(crate) fn primaries(&self) -> Primaries {
         let stated = self.parts.iter().find_map(|part| part.attributes.get("chromaticities"));

@@ -27,10 +27,10 @@ fn names() -> impl Iterator<Item = String> {
     ["count".to_owned()].into_iter().chain(paths).chain(colors).map(|name| format!("{LAYER}.{name}"))
 }
 
-/// Returns the power of two by which the sums of a pixel are divided, so that no part of them overflows or is lost: the
-/// one below its largest value.
-fn unit(largest: [f32; 4]) -> f64 {
-    let largest = f64::from(largest.into_iter().fold(0.0, f32::max));
+/// Returns the power of two by which the sums of a channel are divided, so that no part of them overflows or is lost:
+/// the one below its largest value.
+fn unit(largest: f32) -> f64 {
+    let largest = f64::from(largest);
     if largest > 0.0 && largest.is_finite() { largest.log2().floor().exp2() } else { 1.0 }
 }
 
@@ -40,9 +40,9 @@ impl PixelSums {
         let mut planes: Vec<Plane> =
             names().map(|name| Plane { name, samples: Vec::with_capacity(sums.len()) }).collect();
         for sums in sums {
-            let unit = unit(sums.largest);
             let paths = Sum::of([sums.paths as f64]).parts();
             let colors = (0..4).flat_map(|c| {
+                let unit = unit(sums.largest[c]);
                 let sum = sums.first[c].times(1.0 / unit).parts();
                 let squares = sums.second[c].times(1.0 / (unit * unit)).parts();
                 sum.into_iter().chain(squares).chain([sums.largest[c]])
@@ -80,6 +80,18 @@ impl PixelSums {
         (0..film.rgba.len()).map(pixel).collect::<Result<Vec<_>>>().map(Some)
     }
 
+    /// True if a channel's sums can be those of the means of its replicates, none of which is larger than the largest:
+    /// n Σ nᵢ xᵢ² is at least (Σ nᵢ xᵢ)² (Cauchy and Schwarz), and Σ nᵢ xᵢ² at most the largest times Σ nᵢ xᵢ.
+    fn holds(&self, channel: usize) -> bool {
+        let (n, largest) = (self.paths as f64, f64::from(self.largest[channel]));
+        let [first, second] = [self.first[channel].value(), self.second[channel].value()];
+        let rounded = 1.0 + 1e-9;
+        let at_most = |a: f64, b: f64| a <= b * rounded;
+        // Estimates of the transmittance may be below 0 by rounding.
+        let negative = first < 0.0 || largest < 0.0;
+        negative || at_most(first * first, n * second) && at_most(second, largest * first)
+    }
+
     /// Reads the sums of a pixel; `None` if the values are not those of sums.
     fn read(values: &[f32]) -> Option<Self> {
         let (head, colors) = values.split_at_checked(1 + PATHS)?;
@@ -93,10 +105,10 @@ impl PixelSums {
         let mut sums = Self { replicates: count as u32, paths: paths as u64, ..Self::default() };
         let of_color = |c: usize| &colors[c * (2 * PARTS + 1)..][..2 * PARTS + 1];
         sums.largest = std::array::from_fn(|c| of_color(c)[2 * PARTS]);
-        let unit = unit(sums.largest);
-        sums.first = std::array::from_fn(|c| of(&of_color(c)[..PARTS]).times(unit));
-        sums.second = std::array::from_fn(|c| of(&of_color(c)[PARTS..2 * PARTS]).times(unit * unit));
-        Some(sums)
+        let units = sums.largest.map(unit);
+        sums.first = std::array::from_fn(|c| of(&of_color(c)[..PARTS]).times(units[c]));
+        sums.second = std::array::from_fn(|c| of(&of_color(c)[PARTS..2 * PARTS]).times(units[c] * units[c]));
+        (0..4).all(|c| sums.holds(c)).then_some(sums)
     }
 }
 
@@ -122,6 +134,7 @@ mod tests {
     #[test]
     fn sums_are_kept_to_the_last_bit_of_a_picture() {
         let of = |scale: f32| {
+            // Alpha is large where colors are faint.
             let mut sums = PixelSums::default();
             for i in 1..40_u32 {
                 sums.merge(&PixelSums::of(i, [scale / i as f32, scale, 0.1 * scale * (i % 7) as f32, 0.7]));
@@ -149,7 +162,16 @@ mod tests {
         let plane = |film: &mut Film, name: &str, v: f32| {
             film.planes.iter_mut().find(|plane| plane.name == format!("{LAYER}.{name}")).unwrap().samples[0] = v;
         };
-        for (name, v) in [("count", 0.0), ("count", 1.5), ("paths0", -4.0), ("R0", f32::NAN), ("Amax", f32::INFINITY)] {
+        for (name, v) in [
+            ("count", 0.0),
+            ("count", 1.5),
+            ("paths0", -4.0),
+            ("R0", f32::NAN),
+            ("Amax", f32::INFINITY),
+            ("Gmax", 0.0),
+            ("RR0", 0.0),
+            ("B0", 9.0),
+        ] {
             let mut film = good();
             plane(&mut film, name, v);
             assert!(PixelSums::take(&mut film).is_err(), "{name} {v}");

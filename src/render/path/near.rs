@@ -35,7 +35,7 @@ const RADIUS: f64 = 0.05;
 /// Largest mean cosine of phase functions with which they pay.
 const WIDE: f64 = 0.6;
 /// Optical depth around a light up to which points are drawn for it, and the number of places by which it is known.
-const DEPTH: f64 = 0.35;
+const DEPTH: f64 = 1.1;
 const POINTS: u32 = 64;
 /// Chance of a point to be looked at, times the ratio of its light to that of the collision that it is drawn from.
 const CHANCE: f64 = 0.3;

@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::formats::exr::{self, Attributes, Placement};
 use crate::formats::limits::Limits;
 use crate::render::film::{Aov, PixelSums, Replicates};
+use crate::scene::film::Film;
 use std::path::Path;
 
 /// Attribute of the hash of what a picture shows: pictures of the same one have the same expected values.
@@ -29,6 +30,19 @@ pub(in crate::app::render) struct Read {
     pub placement: Placement,
 }
 
+/// True if a picture is what its sums over replicates make it.
+fn agree(film: &Film, sums: &[PixelSums]) -> bool {
+    let colors = film.rgba.iter().zip(sums).all(|(rgba, sums)| *rgba == sums.mean().map(|v| v as f32));
+    let counts = film.plane("Debug Sample Count.X");
+    colors && counts.is_none_or(|counts| counts.iter().zip(sums).all(|(count, sums)| *count == sums.paths as f32))
+}
+
+/// Error that a picture is not as it was rendered.
+fn edited(why: &str) -> Error {
+    Error::invalid(format!("another program has changed this picture: {why}"))
+        .hint("give pictures as `cumulo render` or `cumulo merge` wrote them")
+}
+
 impl Made {
     /// Begins a picture of this width and height with planes beside RGBA.
     pub(in crate::app::render) fn new(size: [usize; 2], aovs: &[Aov]) -> Self {
@@ -40,7 +54,8 @@ impl Made {
     /// # Errors
     /// If the file cannot be read, or is no such picture.
     pub(in crate::app::render) fn read(path: &Path, limits: Limits) -> Result<Read> {
-        let attributes = exr::header(path)?.attributes();
+        let header = exr::header(path)?;
+        let attributes = header.attributes();
         let Some(stated) = attributes.get(REPLICATES) else {
             return Err(Error::invalid("this picture states no replicates: `cumulo render` did not make it by paths")
                 .at(path)
@@ -51,10 +66,15 @@ impl Made {
         let sums = PixelSums::take(&mut film).map_err(|e| e.at(path))?;
         let samples = attributes.get(SAMPLES).and_then(|samples| samples.parse().ok());
         let sums = match (sums, samples) {
-            (Some(sums), _) => sums,
+            (Some(sums), _) => {
+                if !agree(&film, &sums) {
+                    return Err(edited("its colors or its numbers of paths are not those of its sums").at(path));
+                }
+                sums
+            }
             (None, Some(samples)) => {
-                if film.rgba.iter().flatten().any(|v| !v.is_finite()) {
-                    return Err(Error::invalid("the picture has pixels that are not finite").at(path));
+                if !header.is_of_floats() || film.rgba.iter().flatten().any(|v| !v.is_finite()) {
+                    return Err(edited("its R, G, B and A are not all finite numbers of 32 bits").at(path));
                 }
                 film.rgba.iter().map(|rgba| PixelSums::of(samples, *rgba)).collect()
             }

@@ -74,6 +74,9 @@ impl fmt::Display for AccuracyReport {
         let sum = |of: fn(&PictureError) -> usize| self.pictures.iter().map(of).sum::<usize>();
         let (blocks, certified) = (sum(|p| p.blocks), sum(|p| p.certified));
         match worst {
+            Some(0.0) if certified < blocks => {
+                write!(f, "  no error is known but of {certified} of {blocks} blocks, which have no noise")?;
+            }
             Some(worst) => write!(
                 f,
                 "  error {:.2} % of the scale at most, with confidence {} for each of {certified} of {blocks} blocks \

@@ -48,9 +48,10 @@ impl Streams {
             let all = self.ranges.entry(*seed).or_default();
             all.extend(ranges);
             all.sort_unstable();
-            if let Some([first, last]) = all.windows(2).find(|pair| pair[1][0] <= pair[0][1]).map(|pair| pair[1]) {
+            if let Some([a, b]) = all.windows(2).map(|pair| [pair[0], pair[1]]).find(|[a, b]| b[0] <= a[1]) {
+                let both = Self::range(*seed, b[0], a[1].min(b[1]));
                 return Err(Error::invalid(format!(
-                    "replicates {first}-{last} of seed {seed} are in two of the pictures, which are not independent"
+                    "replicates of {both} are in two of the pictures, which are not independent"
                 ))
                 .hint("join each replicate once; parts of a picture have other ⟨replicates⟩, or another ⟨seed⟩"));
             }
