@@ -40,6 +40,7 @@ CLASSES: dict[str, tuple[str, str, str]] = {
     "Viewpoints": ("viewpoint", "ViewpointReport", "output pictures report"),
     "Accuracy": ("denoise", "Accuracy", ""),
     "Denoised": ("denoise", "DenoiseReport", ""),
+    "Merged": ("merge", "MergeReport", "output"),
     "Motion": ("motion", "MotionReport", ""),
     "FrameFigures": ("compare", "Figures", ""),
     "Comparison": ("compare", "PicturesReport SequencesReport", "report"),

@@ -75,6 +75,12 @@ def denoise(frames: Path, output: Path, *, motion: str | None = None, progress: 
     return report(results.Denoised, ["denoise"], [frames], {"output": output, "motion": motion, **options}, progress)
 
 
+def merge(pictures: Sequence[Path], output: Path, *, progress: bool | Progress = False,
+          **options: Option) -> results.Merged:  # fmt: skip
+    """Joins path-traced pictures of the same scene and view that were rendered apart."""
+    return report(results.Merged, ["merge"], [*pictures], {"output": output, **options}, progress)
+
+
 def motion(volume: Path, cameras: Path, output: Path, *, progress: bool | Progress = False,
            **options: Option) -> results.Motion:  # fmt: skip
     """Writes the motion, in pixels, of what pictures of a volume show, as frames `out.####.exr`."""
