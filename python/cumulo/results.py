@@ -42,6 +42,7 @@ __all__ = [
     "Linted",
     "LintedStage",
     "MeanTest",
+    "Merged",
     "Motion",
     "Noise",
     "Plan",
@@ -163,6 +164,8 @@ class Rendered(Report):
     quadrature_error_bound: float | None = None
     """Bound of the error that the quadrature makes in any channel of a pixel, in the channel's units; null where no
     bound is known."""
+    relative_error_bound: float | None = None
+    """Bound of both errors by the scale of the picture, the largest of all pictures, if an error was asked for."""
     remarks: list[str] = dataclasses.field(default_factory=list)
     """Remarks on statements of a USD stage that have no effect, and on what is assumed."""
     seconds: float | None
@@ -447,6 +450,19 @@ class Denoised(Report):
     seconds_denoising: float | None
     """Seconds of the denoising alone."""
     skipped: int
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Merged(Report):
+    """Report of a joined picture."""
+
+    accuracy: dict[str, Any] | None
+    output: pathlib.Path
+    pictures: int
+    """Pictures that were joined."""
+    replicates: str
+    """Numbers of the joined replicates, by the seed of their random numbers."""
+    seconds: float | None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -762,7 +778,7 @@ class Viewed(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FileFindings(Report):
-    """What is wrong with a file."""
+    """Fault of a file."""
 
     error: dict[str, Any] | None = None
     """Error that kept the file from being read."""
@@ -872,6 +888,9 @@ class Effect(Report):
     bound: float | None
     """Upper bound of the radiance that is left out in any channel of a pixel; for an effect that is on, of what would
     be missing without it. None where nothing finite is known."""
+    contribution: dict[str, Any] | None
+    """What the part that is left out adds to the pictures; for an effect that is on, all of it, and of multiple
+    scattering what is scattered more than once. None where it was not measured."""
     cost: float | None
     """Seconds a picture that it takes, as far as a `pilot` has told."""
     name: str
@@ -886,6 +905,8 @@ class Effect(Report):
 class Plan(Report):
     """Report of a plan."""
 
+    confidence: float | None
+    """Confidence of that bound: 1 if it is proved, less if some of it was measured."""
     cost: dict[str, Any]
     effects: list[Effect]
     """Effects."""
@@ -895,7 +916,8 @@ class Plan(Report):
     measured: dict[str, Any]
     """Measurements."""
     omitted: float | None
-    """Upper bound of the radiance that is left out in any channel of a pixel; none where nothing finite is known."""
+    """Upper bound of the radiance that is left out in any channel of a pixel; none where nothing finite is known. With
+    a confidence below 1 it bounds the means of the pictures' blocks of 8 x 8 pixels."""
     size: tuple[int, ...]
     up: Up | None
     """Up axis about which cameras were placed; none where they were given."""
@@ -1045,7 +1067,7 @@ class LintFinding(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LintedStage(Report):
-    """What is wrong with a stage."""
+    """Fault of a stage."""
 
     error: dict[str, Any] | None = None
     """Error that kept the stage from being read."""

@@ -1,8 +1,8 @@
 //! Plans: which effects of a scene are simulated, which are not, and how much radiance is missing for that at most.
 //!
 //! A plan simplifies a scene: what a scene does not call for is gone from it before renderers compile their kernels for
-//! it, so that nothing asks for it while pixels are computed. A plan may also leave out what is there, as long as
-//! the sum of upper bounds of the missing radiance stays below a limit. Where bounds that are proved do not tell enough,
+//! it, so that nothing asks for it while pixels are computed. A plan may also leave out what is there, as long as the
+//! sum of upper bounds of the missing radiance stays below a limit. Where bounds that are proved do not tell enough,
 //! those of measured contributions do, with a confidence.
 
 mod bounds;
@@ -84,8 +84,8 @@ pub struct Planned {
     /// Upper bound of the radiance that is left out in any channel of a pixel; for an effect that is on, of what would
     /// be missing without it. None where nothing finite is known.
     pub bound: Option<f64>,
-    /// What the part that is left out adds to the pictures; for an effect that is on, all of it, and of multiple
-    /// scattering what is scattered more than once. None where it was not measured.
+    /// Radiance that the part which is left out adds to the pictures; for an effect that is on, all of it, and of
+    /// multiple scattering what is scattered more than once. None where it was not measured.
     pub contribution: Option<Contribution>,
 }
 

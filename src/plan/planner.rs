@@ -36,7 +36,7 @@ pub(super) struct Planner<'p> {
     omitted: DVec3,
     /// True if some of it was measured.
     by_measurement: bool,
-    /// What contributions are measured by, if they may be; made when they are called for.
+    /// Measurement of contributions, if there may be one; made when it is called for.
     pilot: Option<Pilot<'p>>,
     pilot_of: Option<(&'p [Camera], &'p Cancel)>,
     effects: Vec<Planned>,

@@ -160,7 +160,8 @@ fn decades(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
     (low <= high).then_some(below..above)
 }
 
-/// Ticks of a logarithmic axis: powers of ten, so many of them at most, of fewer than two also their double and fivefold.
+/// Ticks of a logarithmic axis: powers of ten, so many of them at most, of fewer than two also their double and
+/// fivefold.
 fn ticks(range: &Range<f64>, most: usize) -> Vec<f64> {
     let [low, high] = [range.start, range.end].map(f64::log10);
     let steps: &[f64] = if high - low < 2.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };

@@ -167,7 +167,7 @@ fn another(first: &Path, path: &Path, attributes: [&exr::Attributes; 2]) -> Erro
     Error::invalid(format!("this picture shows something else than '{}': '{a}' and '{b}' made them", first.display()))
         .at(path)
         .hint(
-            "join pictures of the same scene, view and size, and of the same content of all inputs, whose commands differ \
-             in ⟨seed⟩, ⟨samples⟩ and ⟨replicates⟩ alone",
+            "join pictures of the same scene, view and size, and of the same content of all inputs, whose commands \
+             differ in ⟨seed⟩, ⟨samples⟩ and ⟨replicates⟩ alone",
         )
 }

@@ -151,9 +151,9 @@ read_as!(PictureSettings, PictureArgs);
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Planning")]
 struct PlanningArgs {
-    /// Leave out effects as long as no channel misses more radiance than this: of a pixel, where bounds prove it, else of
-    /// a block of 8 x 8 pixels, as measured with a confidence of 95 %. It is a radiance, whatever the brightness of the
-    /// pictures
+    /// Leave out effects as long as no channel misses more radiance than this: of a pixel, where bounds prove it, else
+    /// of a block of 8 x 8 pixels, as measured with a confidence of 95 %. It is a radiance, whatever the brightness of
+    /// the pictures
     #[arg(long, value_name = "E", default_value_t = 0.0, value_parser = parse::not_negative)]
     max_omitted: f64,
     /// Keep effects whatever they add: emission, scattering, multiple-scattering, environment or light-N

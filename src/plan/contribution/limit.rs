@@ -61,7 +61,7 @@ impl Shares {
     }
 }
 
-/// What is known of a part of the light beforehand, by channel; infinite where nothing is.
+/// Bounds of a part of the light that are known beforehand, by channel; infinite where nothing is.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::plan) struct Caps {
     /// Most that is expected of a path by its opacity.
@@ -72,9 +72,9 @@ pub(in crate::plan) struct Caps {
     pub apart: bool,
 }
 
-/// What the paths of a block have found.
+/// Sums over the paths of a block.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Found {
+pub(super) struct Tally {
     /// Sums of what the part adds, and of the opacity.
     sums: PixelSums,
     /// Paths that collided with a medium.
@@ -86,7 +86,7 @@ pub(super) struct Found {
     over: u64,
 }
 
-impl Found {
+impl Tally {
     /// Adds a path, and what the part adds to it. Values above the `cut` are told apart.
     pub(super) fn add(&mut self, value: Vec3, path: &Sample, cut: f64) {
         for (sum, value) in self.cut.iter_mut().zip(value.to_array()) {
@@ -114,7 +114,7 @@ impl Found {
     }
 
     /// True if enough paths met the medium to know what it shows.
-    fn met(&self) -> bool {
+    fn is_sampled(&self) -> bool {
         self.collisions as f64 >= FEWEST_MET
     }
 
@@ -174,7 +174,7 @@ impl Found {
         }
         let product = |p: f64, most: DVec3| DVec3::select(most.cmpeq(DVec3::ZERO), DVec3::ZERO, p * most);
         // What hardly any path met is as bright as what others met, or twice as bright.
-        let source = if self.met() { caps.collision } else { caps.collision.min(2.0 * lit) };
+        let source = if self.is_sampled() { caps.collision } else { caps.collision.min(2.0 * lit) };
         let by_opacity = product(self.opacity(shares), source);
         self.by_spread(shares).min(by_opacity).min(self.by_cut(caps, cut, shares))
     }
@@ -182,12 +182,12 @@ impl Found {
 
 /// Returns the largest limit of a block by its opacity, by channel; infinite where no block shows anything that is
 /// known.
-pub(super) fn brightness(found: &[Found], shares: &Shares) -> DVec3 {
-    let of_block = |found: &Found| {
+pub(super) fn brightness(found: &[Tally], shares: &Shares) -> DVec3 {
+    let of_block = |found: &Tally| {
         let [.., alpha] = found.sums.mean();
         found.by_spread(shares) / alpha
     };
-    let known: Vec<DVec3> = found.par_iter().filter(|found| found.met()).map(of_block).collect();
+    let known: Vec<DVec3> = found.par_iter().filter(|found| found.is_sampled()).map(of_block).collect();
     let channel = |c: usize| known.iter().map(|limit| limit[c]).filter(|limit| limit.is_finite()).reduce(f64::max);
     DVec3::from_array([0, 1, 2].map(|c| channel(c).unwrap_or(f64::INFINITY)))
 }
@@ -222,8 +222,8 @@ mod tests {
     }
 
     /// Returns what paths find to each of which `value` adds something, if it collides.
-    fn found(paths: u64, seed: u64, value: impl Fn(&mut Sampler) -> Option<f32>) -> Found {
-        let mut found = Found::default();
+    fn found(paths: u64, seed: u64, value: impl Fn(&mut Sampler) -> Option<f32>) -> Tally {
+        let mut found = Tally::default();
         for path in 0..paths {
             let mut sampler = Sampler::new(seed, [path as usize, 0], 0);
             let value = value(&mut sampler);
@@ -256,7 +256,7 @@ mod tests {
     fn what_was_not_seen_is_not_left_out_without_a_bound() {
         let shares = Shares::new(0.95, 1000);
         let dark = found(256, 1, |_| Some(0.0));
-        let limit = |found: &Found, caps: Caps, lit: f64| found.limit(&caps, (DVec3::splat(lit), 0.0), &shares).x;
+        let limit = |found: &Tally, caps: Caps, lit: f64| found.limit(&caps, (DVec3::splat(lit), 0.0), &shares).x;
         assert_eq!(limit(&dark, UNKNOWN, 1.0), f64::INFINITY);
         let known = Caps { event: DVec3::splat(2.0), ..UNKNOWN };
         let rule_of_three = -2.0 * f64::exp_m1(shares.miss.ln() / 256.0);

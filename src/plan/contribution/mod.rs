@@ -22,7 +22,7 @@ use crate::scene::scene::Scene;
 use blocks::Block;
 use glam::{DVec3, Vec3};
 pub(super) use limit::Caps;
-use limit::{Found, Shares};
+use limit::{Shares, Tally};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -45,7 +45,8 @@ const PROBE_LOOK: usize = 2;
 /// First number of the random numbers, which no picture has.
 const STREAM: u64 = 0x5EED << 48;
 
-/// What an effect, or the part of it that is left out, adds to pictures: radiance, the largest of the channels.
+/// Contribution of an effect, or of the part of it that is left out, to pictures: radiance, the largest of the
+/// channels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Contribution {
     /// Mean over all pictures.
@@ -61,13 +62,13 @@ pub struct Contribution {
 pub(super) enum Part {
     /// All that is scattered.
     Scattered,
-    /// What media emit, scattered or not.
+    /// Emission of the media, scattered or not.
     Emitted,
     /// A light, by its number.
     Light(usize),
     /// Light from all around that is scattered.
     Environment,
-    /// What is scattered more often than this.
+    /// Light that is scattered more often than this.
     Beyond(u32),
 }
 
@@ -80,7 +81,7 @@ pub(super) struct Shining {
     pub emission: bool,
 }
 
-/// What was found of a part.
+/// Measurement of a part.
 pub(super) struct Verdict {
     pub contribution: Contribution,
     /// Upper limit of the mean of a block, by channel.
@@ -147,7 +148,7 @@ impl<'s> Pilot<'s> {
         let all = 0..self.blocks.len();
         let beyond = matches!(part, Part::Beyond(_));
         let mut limits = if beyond { self.carried.clone() } else { vec![DVec3::INFINITY; self.blocks.len()] };
-        let mut found = vec![Found::default(); self.blocks.len()];
+        let mut found = vec![Tally::default(); self.blocks.len()];
         let looks = if most > 0.0 { LOOKS.len() } else { LOOKS_TO_KNOW };
         // Blocks that were bright show soonest that too much is missing.
         let probe = std::mem::take(&mut self.brightest);
@@ -195,7 +196,7 @@ impl<'s> Pilot<'s> {
     }
 
     /// Returns the mean over all pictures: of the first look, whose paths nothing has decided about.
-    fn mean(&self, found: &[Found]) -> DVec3 {
+    fn mean(&self, found: &[Tally]) -> DVec3 {
         let sum: DVec3 = self.blocks.iter().zip(found).map(|(block, found)| block.pixels() * found.mean()).sum();
         sum / f64::max(self.pixels, 1.0)
     }
@@ -214,9 +215,9 @@ impl<'s> Pilot<'s> {
     }
 
     /// Traces the paths of a look in some blocks, beyond those that were traced before.
-    fn trace(&self, part: Part, open: &[usize], look: usize, found: &mut [Found]) {
+    fn trace(&self, part: Part, open: &[usize], look: usize, found: &mut [Tally]) {
         let block = |scratch: &mut Scratch, number: &usize| {
-            let mut of_block = Found::default();
+            let mut of_block = Tally::default();
             for path in found[*number].paths()..LOOKS[look] {
                 if self.cancel.requested() {
                     break;
@@ -226,7 +227,7 @@ impl<'s> Pilot<'s> {
             }
             of_block
         };
-        let traced: Vec<Found> = open.par_iter().with_max_len(1).map_init(Scratch::default, block).collect();
+        let traced: Vec<Tally> = open.par_iter().with_max_len(1).map_init(Scratch::default, block).collect();
         for (number, more) in open.iter().zip(&traced) {
             found[*number].merge(more);
         }
@@ -268,7 +269,7 @@ impl<'s> Pilot<'s> {
 }
 
 /// Returns the numbers of the blocks of the largest means.
-fn brightest(found: &[Found]) -> Vec<usize> {
+fn brightest(found: &[Tally]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..found.len()).collect();
     let mean = |number: &usize| found[*number].mean().max_element();
     order.sort_by(|a, b| mean(b).total_cmp(&mean(a)));

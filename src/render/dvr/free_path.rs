@@ -111,8 +111,8 @@ impl Dvr<'_, f32> {
         if depth < walked.depth { self.locate(&walked, depth, tape) } else { None }
     }
 
-    /// Returns the optical depth of the first `length` of the world ray whose way the tape holds, where the extinction is
-    /// proportional to the density; `None` where it is not.
+    /// Returns the optical depth of the first `length` of the world ray whose way the tape holds, where the extinction
+    /// is proportional to the density; `None` where it is not.
     #[inline(always)]
     pub(crate) fn depth_before(&self, walked: &TracedRay, length: f64, tape: &Tape<f32>) -> Option<f64> {
         let CompiledMedium::Line(_) = &self.compiled else { return None };

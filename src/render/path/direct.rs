@@ -1,7 +1,7 @@
 //! Light that arrives at a point straight from its source: drawn from the lights, or met by a ray that the phase
 //! function chose, both weighted by their probabilities (multiple importance sampling; Veach & Guibas 1995).
 
-use super::near::NearLights;
+use super::near_lights::NearLights;
 use crate::error::Result;
 use crate::math::{Aabb, Ray};
 use crate::scene::environment::Environment;
@@ -11,7 +11,7 @@ use glam::{DVec3, Vec3};
 /// The lights of a scene.
 pub(super) struct Lighting {
     pub lights: Vec<Light>,
-    /// Those of them that are near to the media.
+    /// Lights inside the media, near which points are drawn.
     pub near: NearLights,
     environment: Environment,
     /// Radiance that the camera sees behind the media in place of the environment.
@@ -94,8 +94,8 @@ impl Lighting {
     }
 
     /// Returns the radiance that a ray meets before `reach`, weighted against drawing it from the lights; the ray's
-    /// direction was drawn with the given density. `survival` tells what light from a distance is to be multiplied by, and
-    /// `counts` what that of a light.
+    /// direction was drawn with the given density. `survival` tells what light from a distance is to be multiplied by,
+    /// and `counts` what that of a light.
     #[inline(always)]
     pub(crate) fn hit_radiance(
         &self,

@@ -1,8 +1,8 @@
 //! Volumetric path tracing: light that media emit, absorb and scatter any number of times.
 //!
 //! A path begins at the camera, collides with a medium (`tracking`), sees there the light of one light source
-//! (`direct`, `near`), turns by the phase function, and goes on until it escapes, is absorbed or has been scattered often
-//! enough. Its mean is the radiance
+//! (`direct`, `near`), turns by the phase function, and goes on until it escapes, is absorbed or has been scattered
+//! often enough. Its mean is the radiance
 //!
 //! `L(x, ω) = ∫ T(t) (σ_a c + σ_s ∫ p(ω·ω') L(x + tω, ω') dω') dt + T(∞) · environment`
 //!
@@ -18,6 +18,7 @@ mod emissive;
 mod flames;
 mod kernel;
 mod near;
+mod near_lights;
 mod optics;
 mod phase;
 mod tracking;
@@ -35,7 +36,8 @@ use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
 use direct::Lighting;
 use glam::{DVec3, Vec3};
-use near::{End, NearLights};
+use near::End;
+use near_lights::NearLights;
 use phase::PhaseFunction;
 use tracking::{Collision, Media, Visible};
 
@@ -149,7 +151,7 @@ impl<'a> PathTracer<'a> {
         let kernel = kernel::specialised(scene)?;
         let scattering: Vec<_> =
             scene.volumes.iter().filter_map(Volume::density).filter(|(_, m)| m.scatters()).collect();
-        let bounds = if scattering.iter().all(|(_, medium)| medium.scattering.as_ref().is_none_or(near::pay)) {
+        let bounds = if scattering.iter().all(|(_, medium)| medium.scattering.as_ref().is_none_or(near_lights::pay)) {
             scattering
                 .iter()
                 .map(|(field, _)| field.transform.box_to_world(field.domain))

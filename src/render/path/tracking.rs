@@ -72,8 +72,8 @@ pub(super) trait Media: Sync + Send {
     fn first(&self, ray: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Visible;
     /// Returns an estimate of the transmittance of the first `length` of a world ray of unit direction.
     fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3;
-    /// Returns an estimate of the transmittance of the first `length` of a world ray of unit direction, which may be the
-    /// camera's ray that was walked last.
+    /// Returns an estimate of the transmittance of the first `length` of a world ray of unit direction, which may be
+    /// the camera's ray that was walked last.
     fn passed(
         &self,
         (ray, _): (&Ray, Option<&Primary>),

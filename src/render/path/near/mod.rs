@@ -1,11 +1,11 @@
 //! Light of near lights, from points that are drawn by their place about them.
 //!
-//! Near a light within a medium, light falls off by the squared distance, which collisions do not know of: light that is
-//! looked for where rays collide varies without bound. Further points are therefore drawn near the light, and light is
-//! looked for there, too: on the camera's ray with the density `D / (Δθ (D² + (t - t₀)²))`, even in the angle about the
-//! light (equiangular sampling; Kulla & Fajardo 2012), and from each collision on a ray that is even in the angle to the
-//! light, which makes the density `1 / (d² s²)` by the distances d from the light and s from the collision (joint
-//! importance sampling; Georgiev et al. 2013).
+//! Near a light within a medium, light falls off by the squared distance, which collisions do not know of: light that
+//! is looked for where rays collide varies without bound. Further points are therefore drawn near the light, and light
+//! is looked for there, too: on the camera's ray with the density `D / (Δθ (D² + (t - t₀)²))`, even in the angle about
+//! the light (equiangular sampling; Kulla & Fajardo 2012), and from each collision on a ray that is even in the angle
+//! to the light, which makes the density `1 / (d² s²)` by the distances d from the light and s from the collision
+//! (joint importance sampling; Georgiev et al. 2013).
 //!
 //! Both ways to the same light share it by a partition of unity: what is found at a point counts `w = ρ² / (1 + ρ²)`
 //! where the point was drawn for the light, and `1 - w` where a ray collided; ρ is the ratio of the density of the
@@ -16,11 +16,9 @@
 //! lights outside the media, collisions find light as well, and scenes without near lights have kernels of their own.
 
 mod equiangular;
-mod lights;
-
-pub(super) use lights::{NearLights, pay};
 
 use super::direct::Lighting;
+use super::near_lights::{Near, anchor, anchor_of};
 use super::phase::PhaseFunction;
 use super::tracking::Media;
 use super::{Primary, Scratch};
@@ -29,7 +27,6 @@ use crate::render::sampler::Sampler;
 use crate::scene::light::{Arrival, Light};
 use equiangular::{Directions, Equiangular};
 use glam::{DVec3, Vec3};
-use lights::{Near, anchor, anchor_of};
 
 /// Chance of a point to be looked at, times the ratio of its light to that of the collision that it is drawn from.
 const CHANCE: f64 = 0.3;
@@ -114,8 +111,8 @@ impl Lighting {
         self.drawn(media, &draw, sampler, scratch).unwrap_or(Vec3::ZERO)
     }
 
-    /// Returns an estimate of the light of near lights that is scattered at a point drawn by angle and, from there, at a
-    /// collision of a path that arrives in direction `from`.
+    /// Returns an estimate of the light of near lights that is scattered at a point drawn by angle and, from there, at
+    /// a collision of a path that arrives in direction `from`.
     #[inline(always)]
     pub(crate) fn around<M: Media>(
         &self,
@@ -197,7 +194,7 @@ impl Lighting {
 /// A ray on which a point is to be drawn.
 struct Draw<'p> {
     ray: Ray,
-    /// What was walked of a camera's ray.
+    /// Way of a camera's ray that was walked.
     primary: Option<&'p Primary>,
     /// Number of the light.
     number: usize,

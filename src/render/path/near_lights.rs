@@ -8,8 +8,8 @@ use crate::scene::phase::Phase;
 use glam::{DVec3, Vec3};
 use std::f64::consts::PI;
 
-/// Distance from a light up to which points are drawn for it, and the least at which they pay, as shares of the diagonal
-/// of the bounds of the media.
+/// Distance from a light up to which points are drawn for it, and the least at which they pay, as shares of the
+/// diagonal of the bounds of the media.
 const REACH: [f64; 2] = [0.15, 0.1];
 /// Largest radius of a sphere for which they pay, as a share of the diagonal.
 const RADIUS: f64 = 0.05;
@@ -23,7 +23,7 @@ const LEAST: f64 = 1e-6;
 
 /// The lights that points of segments are drawn for.
 #[derive(Debug, Default)]
-pub(in crate::render::path) struct NearLights {
+pub(super) struct NearLights {
     /// Each light of the scene; `None` for those that are far.
     lights: Vec<Option<Near>>,
     /// Centre and radius of a sphere beyond which none of them reaches.
@@ -61,8 +61,8 @@ pub(super) fn anchor_of(light: &Light, from: DVec3, arrival: &Arrival) -> Option
     }
 }
 
-/// Returns the radiant intensity of a light as seen from far away in front of it, the mean of the channels; 0 of a light
-/// that is infinitely far.
+/// Returns the radiant intensity of a light as seen from far away in front of it, the mean of the channels; 0 of a
+/// light that is infinitely far.
 fn intensity(light: &Light) -> f64 {
     let mean = |light: Vec3| f64::from(light.element_sum()) / 3.0;
     match *light {
@@ -150,8 +150,8 @@ impl NearLights {
     }
 }
 
-/// Returns the distance from a light up to which points are drawn for it, of `[most, least]`; `None` where the medium is
-/// so dense that rays collide often enough.
+/// Returns the distance from a light up to which points are drawn for it, of `[most, least]`; `None` where the medium
+/// is so dense that rays collide often enough.
 fn reach((middle, radius): (DVec3, f64), [most, least]: [f64; 2], extinction: &dyn Fn(DVec3) -> f64) -> Option<f64> {
     let mean = |reach: f64| {
         let sum = (0..POINTS).map(|i| {
@@ -166,7 +166,7 @@ fn reach((middle, radius): (DVec3, f64), [most, least]: [f64; 2], extinction: &d
 }
 
 /// True if points pay in a medium that scatters in this way.
-pub(in crate::render::path) fn pay(scattering: &Scattering) -> bool {
+pub(super) fn pay(scattering: &Scattering) -> bool {
     match scattering.phase {
         Phase::Isotropic => true,
         Phase::HenyeyGreenstein(g) => g.abs() <= WIDE,
