@@ -778,7 +778,7 @@ class Viewed(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FileFindings(Report):
-    """Fault of a file."""
+    """Findings of the check of a file."""
 
     error: dict[str, Any] | None = None
     """Error that kept the file from being read."""
@@ -1067,7 +1067,7 @@ class LintFinding(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LintedStage(Report):
-    """Fault of a stage."""
+    """Findings of the check of a stage."""
 
     error: dict[str, Any] | None = None
     """Error that kept the stage from being read."""

@@ -46,7 +46,7 @@ pub struct LintReport {
     layer: Option<PathBuf>,
 }
 
-/// Fault of a stage.
+/// Findings of the check of a stage.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Checked {
     #[serde(serialize_with = "crate::app::paths::text")]

@@ -53,7 +53,7 @@ pub struct ValidateReport {
     sequences: Vec<CheckedSequence>,
 }
 
-/// Fault of a file.
+/// Findings of the check of a file.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Checked {
     #[serde(serialize_with = "crate::app::paths::text")]
