@@ -889,8 +889,8 @@ class Effect(Report):
     """Upper bound of the radiance that is left out in any channel of a pixel; for an effect that is on, of what would
     be missing without it. None where nothing finite is known."""
     contribution: dict[str, Any] | None
-    """What the part that is left out adds to the pictures; for an effect that is on, all of it, and of multiple
-    scattering what is scattered more than once. None where it was not measured."""
+    """Radiance that the part which is left out adds to the pictures; for an effect that is on, all of it, and of
+    multiple scattering what is scattered more than once. None where it was not measured."""
     cost: float | None
     """Seconds a picture that it takes, as far as a `pilot` has told."""
     name: str

@@ -108,22 +108,25 @@ fn pictures_keep_to_a_time() {
 #[test]
 fn straight_rays_keep_to_a_wanted_error() {
     let work = Work::new();
-    for (scene, loose) in [
+    for (number, (scene, loose)) in [
         ("--density-scale 30", "exact"),
         ("--density-scale 30 --model emission-absorption --emission 3,1,0.2", "exact"),
         ("--tf ct-bone --tf-range 0,1 --density-scale 20", "preintegrated"),
-    ] {
+    ]
+    .into_iter()
+    .enumerate()
+    {
         let words = format!("render @plume.vdb --views 2 --size 40x32 {scene}");
-        work.json(&format!("{words} --quadrature exact --early-stop 0 -o true"));
+        work.json(&format!("{words} --quadrature exact --early-stop 0 -o true-{number}"));
         for wanted in [0.1, 0.003] {
-            let report = work.json(&format!("{words} --target-error {wanted} -o {wanted}"));
+            let report = work.json(&format!("{words} --target-error {wanted} -o {wanted}-{number}"));
             let stated = report["relative_error_bound"].as_f64().unwrap();
             assert!(stated > 0.3 * wanted && stated <= wanted, "{scene}: {stated} of {wanted}");
             assert!(report["quadrature"].as_str().unwrap().starts_with(loose), "{report}");
             for view in ["view_000.exr", "view_001.exr"] {
                 let [truth, made] =
-                    ["true".to_owned(), wanted.to_string()].map(|at| planes(&work, &format!("{at}/{view}")));
-                let attributes = exr::header(&work.path(&format!("{wanted}/{view}"))).unwrap().attributes();
+                    ["true".to_owned(), wanted.to_string()].map(|at| planes(&work, &format!("{at}-{number}/{view}")));
+                let attributes = exr::header(&work.path(&format!("{wanted}-{number}/{view}"))).unwrap().attributes();
                 let number = |key: &str| attributes[key].parse::<f64>().unwrap();
                 let pairs = truth.rgba.iter().flatten().zip(made.rgba.iter().flatten());
                 let off = f64::from(pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max));

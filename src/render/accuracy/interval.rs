@@ -14,8 +14,7 @@ pub(crate) const FEWEST_MET: f64 = 16.0;
 pub enum Doubt {
     /// There are fewer than eight replicates.
     FewReplicates,
-    /// Few rare events make the variance, of this block or of one beside it: the interval of the former is wider by
-    /// some of them, and holds the mean if none is rarer.
+    /// Few rare events make the variance: the interval is wider by some of them, and holds the mean if none is rarer.
     RareEvents,
     /// No path through the medium has met light: such a block is black, or lit by what is rarely found.
     NoLight,
@@ -162,15 +161,7 @@ impl Intervals {
         let means: Vec<[f64; 4]> = (0..grid.count()).map(|block| block_mean(pixels(block))).collect();
         let scale = scale(means.iter().map(|[r, g, b, _]| (r + g + b) / 3.0));
         let brightness = brightness(size, sums, &means);
-        let alone: Vec<Interval> =
-            (0..grid.count()).map(|block| interval(|| pixels(block), brightness, confidence)).collect();
-        // A block beside one of rare events may have missed its own: that it shows none tells that its mean is low.
-        let beside = |block: usize| grid.around(block).any(|near| alone[near].doubt == Some(Doubt::RareEvents));
-        let of = |(block, interval): (usize, &Interval)| match interval.doubt {
-            None if beside(block) => Interval { doubt: Some(Doubt::RareEvents), ..*interval },
-            _ => *interval,
-        };
-        let blocks = alone.iter().enumerate().map(of).collect();
+        let blocks = (0..grid.count()).map(|block| interval(|| pixels(block), brightness, confidence)).collect();
         Self { confidence, scale, brightness, blocks }
     }
 
@@ -183,10 +174,8 @@ impl Intervals {
     /// Returns why a block is not known to be within an error by the scale; without one, why no interval of it is
     /// stated.
     pub fn doubt(&self, block: usize, error: Option<f64>) -> Option<Doubt> {
-        match error {
-            Some(error) => self.blocks[block].doubt_within(error * self.scale),
-            None => self.blocks[block].doubt,
-        }
+        // Any interval that is finite is a statement.
+        self.blocks[block].doubt_within(error.map_or(f64::MAX, |error| error * self.scale))
     }
 
     /// Returns the number of blocks by why they are not known to be within an error, as [`Intervals::doubt`] says.
