@@ -34,7 +34,7 @@ struct RenderArgs {
     #[arg(long, value_name = "A-B")]
     frames: Option<Frames>,
     /// Skip frames that are there, made by the same settings, unless a volume, the cameras or another input has changed
-    /// since
+    /// since; go on from a frame or a single view that was stopped before its error, time or replicates were reached
     #[arg(long, conflicts_with = "overwrite")]
     resume: bool,
     /// Planes to write beside RGBA, one or more

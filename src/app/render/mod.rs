@@ -82,7 +82,8 @@ pub struct RenderSettings {
     /// Frames to render, frame.####.exr for each number; none for all files of an input that is a sequence, else for
     /// views.
     pub frames: Option<Frames>,
-    /// True to skip frames that are there, made by the same settings, unless an input has changed since.
+    /// True to skip frames that are there, made by the same settings, unless an input has changed since, and to go on
+    /// from a frame or a single view that was stopped before its error, time or replicates were reached.
     pub resume: bool,
     /// Planes to write beside RGBA.
     pub aov: Vec<Aov>,

@@ -174,8 +174,10 @@ impl Intervals {
     /// Returns why a block is not known to be within an error by the scale; without one, why no interval of it is
     /// stated.
     pub fn doubt(&self, block: usize, error: Option<f64>) -> Option<Doubt> {
-        // Any interval that is finite is a statement.
-        self.blocks[block].doubt_within(error.map_or(f64::MAX, |error| error * self.scale))
+        match error {
+            Some(error) => self.blocks[block].doubt_within(error * self.scale),
+            None => self.blocks[block].doubt,
+        }
     }
 
     /// Returns the number of blocks by why they are not known to be within an error, as [`Intervals::doubt`] says.
