@@ -18,6 +18,10 @@ use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
 use glam::DVec3;
 
+/// Largest mean cosine of phase functions with which the spread of paths tells of what they do not find: at 0.99 few
+/// paths that turn next to a small sun carry much of its light.
+const WIDEST_PEAK: f64 = 0.95;
+
 /// Most scatterings that a limit is set to: beyond, roulette has ended nearly all paths anyway.
 const MOST_BOUNCES: u32 = 1000;
 
@@ -81,6 +85,11 @@ fn brightest(emission: &Emitted) -> f64 {
 
 fn media(scene: &Scene) -> impl Iterator<Item = &Medium> {
     scene.volumes.iter().filter_map(Volume::density).map(|(_, medium)| medium)
+}
+
+/// True if a medium scatters nearly all light straight on or back.
+fn is_peaked(medium: &Medium) -> bool {
+    medium.scattering.is_some_and(|s| matches!(s.phase, Phase::HenyeyGreenstein(g) if g.abs() > WIDEST_PEAK))
 }
 
 impl<'p> Planner<'p> {
@@ -231,6 +240,7 @@ impl<'p> Planner<'p> {
         Caps {
             collision: weight * (sent_on + if part == Part::Emitted { emitted } else { DVec3::ZERO }),
             event: weight * (chosen.max(1) as f64 * at_once + later + emitted),
+            peaked: media(self.scene).any(is_peaked),
             apart: part == Part::Emitted && self.scene.volumes.iter().any(|volume| volume.emission().is_some()),
         }
     }

@@ -70,6 +70,9 @@ pub(in crate::plan) struct Caps {
     pub event: DVec3,
     /// True if light comes from where no path collides.
     pub apart: bool,
+    /// True if light is scattered so narrowly that few paths find most of it: their spread does not tell what others
+    /// add.
+    pub peaked: bool,
 }
 
 /// Sums over the paths of a block.
@@ -169,14 +172,15 @@ impl Tally {
 
     /// Returns the upper limit of the mean, where the brightest block shows `lit` by opacity and values are cut.
     pub(super) fn limit(&self, caps: &Caps, (lit, cut): (DVec3, f64), shares: &Shares) -> DVec3 {
+        let by_spread = if caps.peaked { DVec3::INFINITY } else { self.by_spread(shares) };
         if caps.apart {
-            return self.by_spread(shares);
+            return by_spread;
         }
         let product = |p: f64, most: DVec3| DVec3::select(most.cmpeq(DVec3::ZERO), DVec3::ZERO, p * most);
         // What hardly any path met is as bright as what others met, or twice as bright.
-        let source = if self.is_sampled() { caps.collision } else { caps.collision.min(2.0 * lit) };
+        let source = if self.is_sampled() || caps.peaked { caps.collision } else { caps.collision.min(2.0 * lit) };
         let by_opacity = product(self.opacity(shares), source);
-        self.by_spread(shares).min(by_opacity).min(self.by_cut(caps, cut, shares))
+        by_spread.min(by_opacity).min(self.by_cut(caps, cut, shares))
     }
 }
 
@@ -198,7 +202,7 @@ mod tests {
     use crate::render::integrator::First;
     use crate::render::sampler::Sampler;
 
-    const UNKNOWN: Caps = Caps { collision: DVec3::INFINITY, event: DVec3::INFINITY, apart: false };
+    const UNKNOWN: Caps = Caps { collision: DVec3::INFINITY, event: DVec3::INFINITY, apart: false, peaked: false };
 
     /// Returns the probability of `seen` events or fewer.
     fn binomial(seen: u64, draws: u64, p: f64) -> f64 {
@@ -267,6 +271,8 @@ mod tests {
         assert_eq!(limit(&empty, Caps { apart: true, ..UNKNOWN }, 1.0), f64::INFINITY);
         assert_eq!(limit(&empty, UNKNOWN, f64::INFINITY), f64::INFINITY);
         let seen = found(256, 1, |s| Some(s.exponential()));
+        assert!(limit(&seen, UNKNOWN, 1.0).is_finite());
+        assert_eq!(limit(&seen, Caps { peaked: true, ..UNKNOWN }, 1.0), f64::INFINITY);
         let lit = brightness(&[dark, empty, seen.clone()], &shares);
         assert_eq!(lit, seen.by_spread(&shares));
     }
