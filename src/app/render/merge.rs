@@ -44,7 +44,7 @@ use std::time::Instant;
 /// let output = folder.path().join("joined.exr");
 /// let settings = MergeSettings { inputs: vec![part(0, 7)?, part(8, 15)?], output, ..MergeSettings::default() };
 /// println!("{}", settings.run(&Context::default())?);
-/// # Ok::<(), Error>(())
+/// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
