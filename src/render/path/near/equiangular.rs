@@ -87,7 +87,7 @@ impl Directions {
     pub(super) fn density(&self, direction: DVec3) -> f64 {
         let cosine = self.axis.dot(direction);
         let sine = (direction - cosine * self.axis).length();
-        if cosine < 0.0 && self.most < PI || sine > self.most.sin() && self.most < PI {
+        if self.most < PI && (cosine < 0.0 || sine > self.most.sin()) {
             return 0.0;
         }
         1.0 / (TAU * self.most * sine.max(f64::EPSILON))
