@@ -37,6 +37,10 @@ struct DenoiseArgs {
     /// Guide to the outlines that must stay sharp, for wrls2
     #[arg(long, value_enum, default_value_t)]
     guide: Guide,
+    /// Denoise the layers half_a and half_b, which `render --aov halves` writes, apart from each other, and write their
+    /// mean. Its error is known then, without a reference and whatever moves, in twice the time
+    #[arg(long, conflicts_with_all = ["layers", "alpha", "error"])]
+    halves: bool,
     /// Denoise the alpha of these layers, too
     #[arg(long)]
     alpha: bool,
@@ -97,6 +101,7 @@ impl From<DenoiseArgs> for DenoiseSettings {
             motion: args.motion,
             layers: args.layers,
             guide: args.guide,
+            halves: args.halves,
             alpha: args.alpha,
             confidence: args.confidence,
             error: args.error,

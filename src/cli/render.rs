@@ -37,6 +37,11 @@ struct RenderArgs {
     /// since; go on from a frame or a single view that was stopped before its error, time or replicates were reached
     #[arg(long, conflicts_with = "overwrite")]
     resume: bool,
+    /// Denoise the frames of a sequence, or one view, and state the error that is left; the noisy pictures stay in
+    /// DIR/noisy or FILE.noisy.exr. With --target-error E as many paths are traced as make the root mean square error
+    /// after denoising E times the picture's scale
+    #[arg(long, conflicts_with_all = ["time_limit", "replicates"])]
+    denoise: bool,
     /// Planes to write beside RGBA, one or more
     #[arg(long, value_parser = choice::<Aov>(), value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
@@ -61,6 +66,7 @@ impl From<RenderArgs> for RenderSettings {
             exposure: args.exposure,
             frames: args.frames,
             resume: args.resume,
+            denoise: args.denoise,
             aov: args.aov,
             velocity: args.velocity,
             fps: args.fps,

@@ -8,6 +8,7 @@
 //! - `guided` carries it further, for files: models on a grid of blocks, and a feature whose noise is independent of
 //!   the color's, from the frames before and, by a [`Lookahead`], from those that follow.
 //! - `still` gives back to a single picture what was no noise.
+//! - `halves` tells the error of frames that are denoised in two independent halves.
 //! - `ema` and `svgf` are there to compare with.
 
 mod ahead;
@@ -22,6 +23,7 @@ mod estimate;
 pub(crate) mod feature;
 pub(crate) mod frame;
 pub(crate) mod guided;
+mod halves;
 mod history;
 mod illumination;
 mod lanes;
@@ -49,6 +51,7 @@ pub use contradiction::contradiction;
 pub use denoiser::{Denoiser, Method};
 pub use estimate::Estimate;
 pub use frame::{Denoised, Frame};
+pub use halves::{Halves, HalvesEstimate};
 pub use lookahead::Lookahead;
 pub use settings::Settings;
 

@@ -11,7 +11,7 @@ use crate::app::Context;
 use crate::app::context::Stage;
 use crate::app::provenance::Provenance;
 use crate::cancel::Cancel;
-use crate::denoise::{Denoised, Estimate, Settings, still};
+use crate::denoise::{Denoised, Estimate, Halves, HalvesEstimate, Settings, still};
 use crate::error::{Error, Kind, Result};
 use crate::formats::exr::Document;
 use std::collections::BTreeSet;
@@ -44,6 +44,8 @@ pub(super) struct Done {
     pub contradiction: Option<(u32, f32)>,
     /// Estimate of noise and error of the first layer of all views, and the number of frames that it is taken from.
     pub estimate: (Estimate, usize),
+    /// Estimate by halves, and the number of frames that it is taken from.
+    pub by_halves: (HalvesEstimate, usize),
     pub seconds: f64,
 }
 
@@ -52,6 +54,7 @@ struct Picture {
     frame: usize,
     document: Document,
     views: Vec<(Vec<Target>, Vec<Denoised>)>,
+    whole: Vec<Target>,
 }
 
 /// Where pictures go, and the memory of written ones comes back.
@@ -183,6 +186,16 @@ impl Sequence<'_> {
                         // Views are the same frame.
                         done.estimate = (estimate.plus(found), frames + usize::from(views.is_empty()));
                     }
+                    if self.settings.halves
+                        && keep
+                        && let ([a, b], [da, db]) = (&view.layers[..], &denoised[..])
+                    {
+                        let halves =
+                            Halves { size: view.size, noisy: [&a.color, &b.color], denoised: [&da.color, &db.color] };
+                        done.by_halves.0.add(HalvesEstimate::of(halves)?);
+                        // Views are the same frame.
+                        done.by_halves.1 += usize::from(views.is_empty());
+                    }
                     views.push((view.targets, denoised));
                 } else {
                     directions.observe(number, &view, keep)?;
@@ -192,7 +205,7 @@ impl Sequence<'_> {
             if let Some(document) = shot.document {
                 done.filled += shot.filled;
                 done.filled_frames.extend((shot.filled > 0).then_some(number));
-                let picture = Picture { frame, document, views };
+                let picture = Picture { frame, document, views, whole: shot.whole };
                 pictures.write.send(picture).map_err(|_| Error::cancelled())?;
             }
         }
@@ -247,10 +260,17 @@ impl Sequence<'_> {
         bar: &Stage,
     ) -> Vec<(u32, Error)> {
         let mut failed = Vec::new();
-        for Picture { frame, mut document, views } in pictures {
+        for Picture { frame, mut document, views, whole } in pictures {
             for (target, denoised) in views.iter().flat_map(|(targets, denoised)| targets.iter().zip(denoised)) {
                 for (component, channel) in target.channels.iter().enumerate() {
                     document.replace(target.part, *channel, denoised.color.iter().map(|color| color[component]));
+                }
+            }
+            for (target, (_, denoised)) in whole.iter().zip(&views) {
+                let [a, b] = [&denoised[0].color, &denoised[1].color];
+                for (component, channel) in target.channels.iter().enumerate() {
+                    let mean = a.iter().zip(b).map(|(a, b)| 0.5 * (a[component] + b[component]));
+                    document.replace(target.part, *channel, mean);
                 }
             }
             if self.settings.confidence {

@@ -20,7 +20,7 @@ use crate::app::provenance::Provenance;
 use crate::app::ranges;
 use crate::app::renewed::{self, Renewed};
 use crate::app::use_case::{Report, Status, use_case};
-use crate::denoise::{Estimate, Method, Settings};
+use crate::denoise::{Estimate, HalvesEstimate, Method, Settings};
 use crate::error::{Code, Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::exr;
@@ -78,6 +78,9 @@ pub struct DenoiseSettings {
     pub layers: Vec<String>,
     /// Guide to the outlines that must stay sharp, for [`Filter::Wrls2`].
     pub guide: Guide,
+    /// True to denoise the layers `half_a` and `half_b`, independent halves of the paths, apart from each other, and to
+    /// write their mean as the beauty. Its error is known without assumptions on motion and noise then.
+    pub halves: bool,
     /// True to denoise the alpha of these layers, too.
     pub alpha: bool,
     /// True to add the layer `confidence`: the number of samples that each pixel rests on.
@@ -114,6 +117,7 @@ impl Default for DenoiseSettings {
             method: Filter::default(),
             motion: Motion::Auto,
             layers: Vec::new(),
+            halves: false,
             guide: Guide::default(),
             alpha: false,
             confidence: false,
@@ -248,7 +252,9 @@ pub struct DenoiseReport {
 /// reference: root mean squares over pixels and channels, in the units of the colors.
 #[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
 struct Accuracy {
-    /// Number of frames that it is estimated from: those that have frames on both sides.
+    /// What tells it.
+    told_by: ToldBy,
+    /// Number of frames that it is estimated from: those that have halves, or frames on both sides.
     frames: usize,
     noise: f64,
     error: f64,
@@ -258,22 +264,65 @@ struct Accuracy {
     gain_db: f64,
     /// Error over the root mean square of the denoised colors.
     relative_error: f64,
+    /// Error over the scale of the radiance: the mean of the square roots of radiance, weighted by itself, and squared.
+    /// Halves tell it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error_by_scale: Option<f64>,
+    /// Upper end of its 95 % interval.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error_by_scale_high: Option<f64>,
+    /// Noise that came in over the scale.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    noise_by_scale: Option<f64>,
     /// Share of the picture, as far as it is not empty, that is much as it was: it has no noise, or the frames around
     /// do not show it.
     as_it_was: f64,
 }
 
+/// What tells noise and error of frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
+#[serde(rename_all = "lowercase")]
+enum ToldBy {
+    /// Two independent halves of the paths of each frame: the layers `half_a` and `half_b`.
+    Halves,
+    /// The frames before and after.
+    Frames,
+}
+
 impl Accuracy {
+    /// Returns what halves tell, where frames have them; `estimate` tells the rest.
+    fn of_halves((by_halves, frames): &(HalvesEstimate, usize), estimate: &Estimate) -> Option<Self> {
+        let (noise, error, scale) = (by_halves.noise(), by_halves.error(), by_halves.scale());
+        let scaled = |error: f64| Some(error / scale).filter(|error| error.is_finite());
+        (by_halves.is_known() && error > 0.0).then(|| Self {
+            told_by: ToldBy::Halves,
+            frames: *frames,
+            noise,
+            error,
+            error_high: by_halves.error_high(),
+            gain_db: 20.0 * (noise / error).log10(),
+            relative_error: error / by_halves.level().max(f64::MIN_POSITIVE),
+            error_by_scale: scaled(error),
+            error_by_scale_high: scaled(by_halves.error_high()),
+            noise_by_scale: scaled(noise),
+            as_it_was: estimate.as_it_was(),
+        })
+    }
+
     /// Returns what an estimate tells, unless its frames do not show the same signal.
     fn of((estimate, frames): (Estimate, usize)) -> Option<Self> {
         let (noise, error) = (estimate.noise(), estimate.error());
         let found = Self {
+            told_by: ToldBy::Frames,
             frames,
             noise,
             error,
             error_high: estimate.error_high(),
             gain_db: 20.0 * (noise / error).log10(),
             relative_error: error / estimate.level().max(f64::MIN_POSITIVE),
+            error_by_scale: None,
+            error_by_scale_high: None,
+            noise_by_scale: None,
             as_it_was: estimate.as_it_was(),
         };
         estimate.fits().then_some(found)
@@ -282,10 +331,14 @@ impl Accuracy {
 
 impl fmt::Display for Accuracy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { frames, noise, error, error_high, gain_db, as_it_was, .. } = self;
+        let Self { told_by, frames, noise, error, error_high, gain_db, error_by_scale, as_it_was, .. } = self;
         let [noise, error, error_high] = [*noise, *error, *error_high].map(short);
-        write!(f, "estimated from {frames} frames: noise {noise} in, error {error} out, {gain_db:.1} dB less ")?;
+        let (s, by) = (if *frames == 1 { "" } else { "s" }, if *told_by == ToldBy::Halves { "halves of " } else { "" });
+        write!(f, "estimated from {by}{frames} frame{s}: noise {noise} in, error {error} out, {gain_db:.1} dB less ")?;
         write!(f, "(up to {error_high} at 95 % confidence)")?;
+        if let Some(scaled) = error_by_scale {
+            write!(f, "; {:.2} % of the scale", 100.0 * scaled)?;
+        }
         if *as_it_was > 0.01 {
             write!(f, "; {:.0} % of the picture is much as it was", 100.0 * as_it_was)?;
         }
@@ -294,6 +347,17 @@ impl fmt::Display for Accuracy {
 }
 
 impl DenoiseReport {
+    /// Returns the error that is left by the scale, and the upper end of its interval, where halves tell it.
+    pub(in crate::app) fn error_by_scale(&self) -> Option<[f64; 2]> {
+        let estimate = self.estimate.as_ref()?;
+        Some([estimate.error_by_scale?, estimate.error_by_scale_high?])
+    }
+
+    /// Returns the noise that came in by the scale, where halves tell it.
+    pub(in crate::app) fn noise_by_scale(&self) -> Option<f64> {
+        self.estimate.as_ref()?.noise_by_scale
+    }
+
     /// Refuses work of which a frame failed.
     ///
     /// # Errors
@@ -384,6 +448,10 @@ impl DenoiseSettings {
             return Err(Error::invalid("⟨error⟩ needs ⟨method=wrls2⟩ and ⟨direction=both⟩")
                 .hint("noise and error are told by the frames before and after; give neither option, or no ⟨error⟩"));
         }
+        if self.halves && (self.error || self.alpha || !self.layers.is_empty()) {
+            return Err(Error::invalid("⟨halves⟩ denoises the layers half_a and half_b, and no others")
+                .hint("leave out ⟨layers⟩, ⟨alpha⟩ and ⟨error⟩, or ⟨halves⟩"));
+        }
         let input = Names::of(&self.input)?;
         let to = input.alike(&self.output, "the noisy frames")?;
         input.check_frames(self.frames.is_some())?;
@@ -439,7 +507,7 @@ impl DenoiseSettings {
             filled_frames: done.filled_frames,
             at_rest: done.at_rest,
             alpha_contradicts: done.contradiction.is_some(),
-            estimate: Accuracy::of(done.estimate),
+            estimate: Accuracy::of_halves(&done.by_halves, &done.estimate.0).or_else(|| Accuracy::of(done.estimate)),
             compared: done.estimate.1,
             seconds,
             seconds_denoising: done.seconds,
@@ -493,7 +561,7 @@ impl DenoiseSettings {
     /// Returns the pixels of a frame, of all layers and views together; 0 if no header can be read.
     fn pixels(&self, inputs: &[PathBuf]) -> usize {
         let header = inputs.iter().find_map(|input| exr::header(input).ok());
-        let layers = self.layers.len().max(1) * if self.alpha { 2 } else { 1 };
+        let layers = self.layers.len().max(if self.halves { 2 } else { 1 }) * if self.alpha { 2 } else { 1 };
         header.map_or(0, |header| header.display_window.pixels() as usize * layers * header.views().len().max(1))
     }
 

@@ -56,7 +56,8 @@ impl Reader<'_> {
             contradiction = contradiction.max(self.guide(&mut view));
             views.push(view);
         }
-        let mut shot = Shot { views, filled, contradiction, document: None };
+        let whole = self.whole(&document, &views).map_err(|e| e.at(path))?;
+        let mut shot = Shot { views, whole, filled, contradiction, document: None };
         if write {
             // Only what is written: a frame that is held for a second reading must show its gaps again to be counted.
             let targets = shot.views.iter().flat_map(|view| &view.targets);
@@ -86,13 +87,14 @@ impl Reader<'_> {
     fn targets(&self, document: &Document) -> Result<Vec<Vec<Target>>> {
         let header = document.header();
         let names: Vec<Option<&str>> = match &self.settings.layers[..] {
+            [] if self.settings.halves => HALVES.map(Some).to_vec(),
             [] => vec![None],
             names => names.iter().map(|name| Some(name.as_str())).collect(),
         };
         let views = header.views();
         let mut targets = vec![Vec::new(); views.len().max(1)];
         for name in names {
-            let named = document.layer(name)?;
+            let named = document.layer(name).map_err(|e| self.without_halves(e))?;
             for (number, targets) in targets.iter_mut().enumerate() {
                 let layer = header.counterpart(&named, number).ok_or_else(|| no_counterpart(&named, &views[number]))?;
                 for target in self.of_layer(document, &layer)? {
@@ -103,6 +105,42 @@ impl Reader<'_> {
             }
         }
         Ok(targets)
+    }
+
+    /// Says how a picture comes to have halves, if they are to be denoised.
+    fn without_halves(&self, error: Error) -> Error {
+        match self.settings.halves {
+            true => error.instead("⟨halves⟩ needs the layers half_a and half_b: render with ⟨render.aov=halves⟩"),
+            false => error,
+        }
+    }
+
+    /// Returns the channels of the beauty of each view, which the mean of the denoised halves replaces; none unless
+    /// halves are denoised.
+    ///
+    /// # Errors
+    /// If the beauty is not the mean of the halves, since another program has changed the picture.
+    fn whole(&self, document: &Document, views: &[View]) -> Result<Vec<Target>> {
+        if !self.settings.halves {
+            return Ok(Vec::new());
+        }
+        let header = document.header();
+        let beauty = document.layer(None)?;
+        let whole = |(number, view): (usize, &View)| {
+            let layer = header.counterpart(&beauty, number).ok_or_else(|| no_counterpart(&beauty, "second"))?;
+            let target = self.of_layer(document, &layer)?.swap_remove(0);
+            let planes = [0, 1, 2].map(|c| document.samples(target.part, target.channels[c]));
+            let [r, g, b] = &planes;
+            let colors: Vec<Vec3> =
+                r.iter().zip(g.iter()).zip(b.iter()).map(|((r, g), b)| Vec3::new(*r, *g, *b)).collect();
+            let [a, b] = [0, 1].map(|half| &view.layers[half].color[..]);
+            match are_halves(a, b, &colors) {
+                true => Ok(target),
+                false => Err(Error::invalid("the colors are not the mean of the layers half_a and half_b")
+                    .hint("another program has changed the picture: render it again, or leave out ⟨halves⟩")),
+            }
+        };
+        views.iter().enumerate().map(whole).collect()
     }
 
     /// Returns the channels of a layer: its colors, and its alpha where that is to be denoised, too.
@@ -122,6 +160,26 @@ impl Reader<'_> {
         let alpha = denoised.map(|alpha| Target { part: layer.part, channels: vec![alpha], alpha: None, kept: None });
         Ok(std::iter::once(colors).chain(alpha).collect())
     }
+}
+
+/// Layers of the two halves of a picture's paths, as `render` writes them.
+const HALVES: [&str; 2] = ["half_a", "half_b"];
+/// Rounding to half precision, as a share of the numbers.
+const ROUNDING: f64 = 1e-3;
+
+/// True if the mean of two pictures is a third but for rounding, also to half precision; where they are not finite they
+/// may be anything.
+fn are_halves(a: &[Vec3], b: &[Vec3], whole: &[Vec3]) -> bool {
+    if [a.len(), b.len()] != [whole.len(); 2] {
+        return false;
+    }
+    let of = |i: usize| {
+        let [a, b, whole] = [a[i], b[i], whole[i]].map(|color| color.as_dvec3());
+        [(0.5 * (a + b) - whole).length_squared(), (a - b).length_squared(), whole.length_squared()]
+    };
+    let squares = (0..whole.len()).map(of).filter(|squares| squares.iter().all(|square| square.is_finite()));
+    let [apart, noise, all] = squares.fold([0.0_f64; 3], |sum, add| [0, 1, 2].map(|i| sum[i] + add[i]));
+    apart.sqrt() <= ROUNDING * (all.sqrt() + noise.sqrt())
 }
 
 fn no_counterpart(layer: &LayerInfo, view: &str) -> Error {

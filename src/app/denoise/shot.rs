@@ -47,6 +47,8 @@ impl View {
 #[derive(Debug)]
 pub(super) struct Shot {
     pub views: Vec<View>,
+    /// Channels of each view that the mean of its first two layers replaces; empty unless these are halves.
+    pub whole: Vec<Target>,
     /// Number of pixels that are not finite in color or alpha, each view's counted once whatever its layers.
     pub filled: usize,
     /// Difference between the alpha that came with the motion and the picture's own, where they contradict each other;

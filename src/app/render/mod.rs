@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod begun;
+mod denoised;
 mod folder;
 mod frames;
 mod merge;
@@ -12,6 +13,7 @@ mod views;
 mod visibility;
 
 pub use accuracy::AccuracySettings;
+pub use denoised::DenoisedReport;
 pub use frames::FramesReport;
 pub(crate) use frames::between;
 pub use merge::{MergeReport, MergeSettings};
@@ -85,6 +87,9 @@ pub struct RenderSettings {
     /// True to skip frames that are there, made by the same settings, unless an input has changed since, and to go on
     /// from a frame or a single view that was stopped before its error, time or replicates were reached.
     pub resume: bool,
+    /// True to denoise the pictures: a sequence in time, or one view. The noisy ones stay, in the folder `noisy` or as
+    /// name.noisy.exr; a target is that of the error after denoising.
+    pub denoise: bool,
     /// Planes to write beside RGBA.
     pub aov: Vec<Aov>,
     /// Name of the grid of the volume's velocities in world units per second, for [`Aov::Motion`].
@@ -108,6 +113,7 @@ impl Default for RenderSettings {
             exposure: None,
             frames: None,
             resume: false,
+            denoise: false,
             aov: Vec::new(),
             velocity: None,
             fps: 24.0,
@@ -128,6 +134,8 @@ pub enum RenderReport {
     Views(ViewsReport),
     /// Report of the frames of a sequence.
     Frames(FramesReport),
+    /// Report of pictures that were denoised, too.
+    Denoised(Box<DenoisedReport>),
 }
 
 impl fmt::Display for RenderReport {
@@ -135,6 +143,7 @@ impl fmt::Display for RenderReport {
         match self {
             Self::Views(views) => views.fmt(f),
             Self::Frames(frames) => frames.fmt(f),
+            Self::Denoised(denoised) => denoised.fmt(f),
         }
     }
 }
@@ -146,6 +155,7 @@ impl Report for RenderReport {
         Ok(match self {
             Self::Views(views) => Status::stopped(views.stopped()),
             Self::Frames(frames) => Status::complete(frames.complete()),
+            Self::Denoised(denoised) => denoised.status()?,
         })
     }
 }
@@ -171,6 +181,9 @@ impl RenderSettings {
         }
         let target = Target::of(&self.output)?;
         self.check_exposure()?;
+        if self.denoise {
+            return self.run_denoised(context).map(|report| RenderReport::Denoised(Box::new(report)));
+        }
         if self.is_sequence() {
             return self.run_frames(target, begun, context).map(RenderReport::Frames);
         }
