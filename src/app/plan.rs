@@ -133,6 +133,10 @@ impl PlanSettings {
         let cancel = context.cancel();
         let mut pictures = self.pictures.clone();
         pictures.frame = self.frame;
+        if pictures.shade.is_some() {
+            return Err(Error::unsupported("⟨shade⟩: there is nothing to plan, since shaded surfaces need all of it")
+                .hint("leave ⟨shade⟩ out"));
+        }
         if let Some(input) = pictures.sequence_of_folder()? {
             pictures.input = input;
         }

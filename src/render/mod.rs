@@ -3,7 +3,7 @@
 //! To read from above: [`renderer`] is what a scene calls for, and [`film`] asks its [`integrator`] for every ray of a
 //! picture. There are two: [`path`] traces paths of scattered light, and [`composited`] puts emission and absorption
 //! along straight rays ([`emission_absorption`]) over a background. These are integrated by [`dvr`] (a density in a
-//! medium) and [`preshaded`] (emission and extinction by voxel), which walk a ray's bricks (`march`), cut it into
+//! medium), [`shaded`] (surfaces of a density) and [`preshaded`] (emission and extinction by voxel), which walk a ray's bricks (`march`), cut it into
 //! segments ([`quadrature`], `segment`) and composite these by one driver (`compositing`). [`differentiable`] is what
 //! they offer beyond a value.
 
@@ -19,6 +19,7 @@ pub mod dvr;
 pub mod emission_absorption;
 pub mod film;
 pub(crate) mod gauss;
+pub(crate) mod gradient;
 pub(crate) mod index_ray_gradient;
 pub mod integrator;
 pub(crate) mod majorant;
@@ -31,4 +32,5 @@ pub mod renderer;
 pub mod sampler;
 pub mod scale;
 pub(crate) mod segment;
+pub mod shaded;
 pub mod tiles;

@@ -1,14 +1,18 @@
 //! The renderer that a scene calls for.
 
+use super::composited::Composited;
 use super::direct::DirectRenderer;
 use super::film::{self, Aov, Rendered, Sampling, View};
 use super::path::PathTracer;
+use super::shaded::Shaded;
 use super::tiles::Watch;
 
 /// A renderer of any kind.
 pub enum Renderer<'a> {
     /// Emission and absorption along straight rays.
     Direct(DirectRenderer<'a>),
+    /// Shaded surfaces along straight rays.
+    Shaded(Composited<Shaded<'a>>),
     /// Scattered light along paths.
     Paths(PathTracer<'a>),
 }
@@ -24,6 +28,7 @@ impl Renderer<'_> {
     ) -> Option<Rendered> {
         match self {
             Self::Direct(direct) => direct.render(view, sampling, aovs, watch),
+            Self::Shaded(shaded) => film::render(shaded, view, sampling, aovs, watch),
             Self::Paths(paths) => film::render(paths, view, sampling, aovs, watch),
         }
     }

@@ -20,6 +20,7 @@ pub mod phase;
 pub mod primaries;
 #[allow(clippy::module_inception, reason = "the module is named after the one type in it, like all others")]
 pub mod scene;
+pub mod shading;
 mod sources;
 pub mod sphere;
 pub mod statistics;

@@ -172,3 +172,48 @@ fn what_contradicts_is_refused() {
     );
     assert!(!work.path("x.exr").exists());
 }
+
+/// Frames that are rendered and denoised in one go are within the error that was wanted after denoising, of which the
+/// report's figure is true; the noisy frames stay, and frames that are there are not made again.
+#[test]
+fn frames_are_rendered_to_a_wanted_error_after_denoising() {
+    let work = Work::new();
+    let lit = "--size 64x48 --density-scale 4 --albedo 0.9 --sun 1,1,2 --sun-color 3 --sky 0.2,0.3,0.5";
+    work.json("render @plume.vdb --views 120 --layout ring --size 64x48 --density-scale 4 -o path");
+    let made = format!("render @plume.vdb {lit} --cameras path --frames 3-14 --denoise --target-error 0.02 -o made");
+    let report = work.json(&made);
+    let goal = &report["goal"];
+    let number = |value: &Value| value.as_f64().unwrap();
+    let [samples, error] = ["samples", "error"].map(|key| number(&goal[key]));
+    assert!(goal["reached"] == true && error <= 0.02 && (2.0..=64.0).contains(&samples), "{goal}");
+    assert_eq!(goal["pilots"].as_array().unwrap().len(), 2);
+    work.json(&format!("render @plume.vdb {lit} --cameras path --frames 3-14 --samples 4096 --seed 7 -o true"));
+    let (mut sum, mut count) = (0.0, 0.0);
+    for frame in 3..15 {
+        let name = format!("frame.{frame:04}.exr");
+        let [found, truth] = ["made", "true"].map(|folder| planes(&work, &format!("{folder}/{name}")));
+        assert!(work.path(&format!("made/noisy/{name}")).exists());
+        for (a, b) in found.rgba.iter().zip(&truth.rgba) {
+            sum += (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
+            count += 3.0;
+        }
+    }
+    let (wanted, found) = (f64::sqrt(sum / count), number(&report["denoised"]["estimate"]["error"]));
+    println!("{samples} paths, error {error}, {found} where {wanted} is true");
+    assert!((20.0 * (found / wanted).log10()).abs() < 1.0, "{found} {wanted}");
+    assert!(work.path("made/transforms.json").exists());
+    let again = work.json(&format!("{made} --resume"));
+    assert_eq!((&again["noisy_frames"]["skipped"], &again["denoised"]["skipped"]), (&12.into(), &12.into()));
+
+    let still = work.json(&format!("render @plume.vdb {lit} --views 1 --samples 16 --denoise --png -o still.exr"));
+    assert_eq!(still["denoised"]["estimate"]["told_by"], "halves");
+    assert!(["still.exr", "still.png", "still.noisy.exr"].iter().all(|name| work.path(name).exists()));
+    for (words, code) in [
+        ("--views 4 --denoise -o no", Code::Invalid),
+        ("--views 1 --denoise -o no", Code::Invalid),
+        ("--views 1 --denoise -o no.png", Code::Invalid),
+        ("--views 1 --samples 1 --denoise -o no.exr", Code::Invalid),
+    ] {
+        work.refused(&format!("render @plume.vdb {lit} {words}"), code, &["denoise"]);
+    }
+}

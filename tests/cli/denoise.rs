@@ -416,6 +416,67 @@ fn what_is_left_is_told() {
     work.refused("denoise in.####.exr -o no.####.exr --error --direction forward", Code::Invalid, &["--error", "both"]);
 }
 
+/// Halves that are denoised apart tell the error of their mean, which is what is written, though the picture moves and
+/// its motion is unknown.
+#[test]
+fn halves_tell_the_error_that_is_left() {
+    let work = Work::new();
+    let ([width, height], frames) = ([96, 64], 8_u32);
+    let random = |seed: u32, i: u32| {
+        let h = (i ^ seed.wrapping_mul(0x9E37_79B9)).wrapping_mul(0x85EB_CA6B);
+        let h = (h ^ (h >> 13)).wrapping_mul(0xC2B2_AE35);
+        ((h ^ (h >> 16)) >> 8) as f32 / (1 << 24) as f32
+    };
+    let truth = |frame: u32| -> Vec<f32> {
+        let wave = |i: usize| 0.5 + 0.3 * (0.4 * (i % width) as f32 + 0.7 * frame as f32).sin();
+        (0..width * height).map(wave).collect()
+    };
+    for frame in 0..frames {
+        let half = |seed: u32| -> Vec<f32> {
+            truth(frame).iter().zip(0..).map(|(v, i)| v + 0.2 * (random(seed + 2 * frame, i) - 0.5)).collect()
+        };
+        let [a, b] = [half(100), half(101)];
+        let mean: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect();
+        let layers = [("", mean), ("half_a.", a), ("half_b.", b)];
+        let names: Vec<(String, &Vec<f32>)> =
+            layers.iter().flat_map(|(layer, all)| ["R", "G", "B"].map(|c| (format!("{layer}{c}"), all))).collect();
+        let channels: Vec<(&str, Vec<f32>)> = names.iter().map(|(name, all)| (&name[..], (*all).clone())).collect();
+        write_exr(&work.path(&format!("in.{frame:04}.exr")), [width, height], &channels, |_, _| {});
+    }
+    let report = work.json("denoise in.####.exr -o out.####.exr --halves");
+    let (mut sum, mut count) = (0.0, 0.0);
+    for frame in 0..frames {
+        let document = document(&work.path(&format!("out.{frame:04}.exr")));
+        let [whole, a, b] = ["", "half_a", "half_b"].map(|layer| plane(&document, layer, "G"));
+        assert!(whole.iter().zip(a.iter().zip(&b)).all(|(whole, (a, b))| *whole == 0.5 * (a + b)));
+        sum += whole.iter().zip(truth(frame)).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
+        count += whole.len() as f64;
+    }
+    let wanted = (sum / count).sqrt();
+    let estimate = &report["estimate"];
+    let [noise, error, high] = ["noise", "error", "error_high"].map(|key| estimate[key].as_f64().unwrap());
+    println!("{wanted}: {estimate}");
+    assert_eq!((&estimate["told_by"], &estimate["frames"]), (&Value::from("halves"), &Value::from(frames)));
+    assert!((noise / (0.2 / 24_f64.sqrt()) - 1.0).abs() < 0.03, "{noise}");
+    assert!((error / wanted - 1.0).abs() < 0.06 && wanted < high && high < 1.2 * error, "{wanted}: {estimate}");
+    let still = work.json("denoise in.0003.exr -o still.exr --halves");
+    assert_eq!((&still["estimate"]["told_by"], &still["estimate"]["frames"]), (&"halves".into(), &1.into()));
+
+    work.refused(
+        "denoise in.####.exr -o no.####.exr --halves --method ema --direction forward --motion layer:no",
+        Code::NotFound,
+        &[],
+    );
+    write_exr(&work.path("bare.exr"), [width, height], &["R", "G", "B"].map(|c| (c, truth(0))), |_, _| {});
+    work.refused("denoise bare.exr -o no.exr --halves", Code::NotFound, &["half_a", "--aov"]);
+    let graded: Vec<(&str, Vec<f32>)> =
+        ["R", "G", "B", "half_a.R", "half_a.G", "half_a.B", "half_b.R", "half_b.G", "half_b.B"]
+            .map(|c| (c, truth(if c.len() > 1 { 1 } else { 0 })))
+            .into();
+    write_exr(&work.path("graded.exr"), [width, height], &graded, |_, _| {});
+    work.refused("denoise graded.exr -o no.exr --halves", Code::Invalid, &["half_a", "render it again"]);
+}
+
 /// Each eye of stereo has its own history, and becomes what it would be alone.
 #[test]
 fn every_view_is_denoised() {

@@ -18,6 +18,7 @@ use crate::scene::orbit;
 use crate::scene::transfer::Transfer;
 use crate::scene::up::Up;
 use crate::scene::volume::Grids;
+use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -93,6 +94,14 @@ impl PictureSettings {
             pictures: None,
             remarks: Vec::new(),
         })
+    }
+
+    /// Returns a capture as it is written: shaded surfaces are no emission, and their pictures count as those of a
+    /// medium that scatters, of which alpha alone tells the densities.
+    pub(in crate::app) fn recorded_as(&self, capture: &Capture, extra: &mut Map<String, Value>) -> Capture {
+        let Some(shading) = self.shade else { return capture.clone() };
+        extra.insert("shading".into(), json!({"terms": shading, "gradient_scale": self.gradient_scale}));
+        Capture { model: Model::Scattering, ..capture.clone() }
     }
 
     /// Returns the numbers of the views that are rendered, of `count`: those of `view`, else all.

@@ -9,8 +9,12 @@ use crate::render::film::Sampling;
 use crate::render::path::PathTracer;
 use crate::render::quadrature::Quadrature;
 use crate::render::renderer::Renderer;
+use crate::render::shaded::Shaded;
 use crate::scene::scene::Scene;
 use std::fmt;
+
+/// Step in voxels of samples along rays whose surfaces are shaded.
+const SHADED_STEP: f64 = 0.25;
 
 /// The renderer of a scene, with the rays of its pictures.
 pub(in crate::app) struct SceneRenderer<'a> {
@@ -78,8 +82,15 @@ impl PictureSettings {
                 })
             }
             None => {
-                let direct = DirectRenderer::new(scene, self.quadrature(scene))?;
-                Renderer::Direct(direct.early_stop(self.early_stop))
+                let (quadrature, early_stop) = (self.quadrature(scene), self.early_stop);
+                match self.shade {
+                    Some(shading) => {
+                        let step = quadrature.step().unwrap_or(SHADED_STEP);
+                        let shaded = Shaded::of_scene(scene, (shading, self.gradient_scale), step)?;
+                        Renderer::Shaded(shaded.with(|shaded| shaded.early_stop(early_stop)))
+                    }
+                    None => Renderer::Direct(DirectRenderer::new(scene, quadrature)?.early_stop(early_stop)),
+                }
             }
         };
         let (quadrature, early_stop) = (self.quadrature(scene), self.early_stop);
@@ -89,7 +100,7 @@ impl PictureSettings {
     /// Returns the rays of a picture, a view or a frame, by its number.
     pub(in crate::app) fn sampling(&self, renderer: &SceneRenderer<'_>, number: usize) -> Sampling {
         match renderer.renderer {
-            Renderer::Direct(_) => Sampling::grid(renderer.rays_per_edge),
+            Renderer::Direct(_) | Renderer::Shaded(_) => Sampling::grid(renderer.rays_per_edge),
             Renderer::Paths(_) => self.scattering.sampling(number).within(self.origin()),
         }
     }
@@ -106,7 +117,10 @@ impl PictureSettings {
 
     /// Returns the quadrature along straight rays.
     pub(crate) fn quadrature(&self, scene: &Scene) -> Quadrature {
-        self.quadrature.unwrap_or_else(|| DirectRenderer::usual_quadrature(scene))
+        self.quadrature.unwrap_or_else(|| match self.shade {
+            Some(_) => Quadrature::Midpoint(SHADED_STEP),
+            None => DirectRenderer::usual_quadrature(scene),
+        })
     }
 
     /// Returns the rays along each edge of a pixel. A picture that was to be made of paths, of which none is called

@@ -4,7 +4,7 @@ use super::scattering::ScatteringSettings;
 use crate::app::ranges;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::sequence::Frames;
 use crate::plan::Effect;
@@ -12,6 +12,7 @@ use crate::render::quadrature::Quadrature;
 use crate::scene::camera::Window;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
+use crate::scene::shading::Shading;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -67,6 +68,10 @@ pub struct PictureSettings {
     pub quadrature: Option<Quadrature>,
     /// Transmittance at which rays end; 0 for never.
     pub early_stop: f64,
+    /// Shading of the surfaces that a transfer function shows, along straight rays; none for none.
+    pub shade: Option<Shading>,
+    /// Standard deviation in voxels, from 0 to 16, of the filter that the gradients of surfaces are taken through.
+    pub gradient_scale: f64,
     /// Rays along each edge of a pixel, from 1 to 64; more than one make it the mean over its square.
     pub supersample: u32,
     /// Name of the grid; none for density, else the only scalar one.
@@ -107,6 +112,8 @@ impl Default for PictureSettings {
             transfer: TransferSettings::default(),
             quadrature: None,
             early_stop: EARLY_STOP,
+            shade: None,
+            gradient_scale: 0.0,
             supersample: 1,
             grid: None,
             scattering: ScatteringSettings::default(),
@@ -135,7 +142,31 @@ impl PictureSettings {
         ranges::within("supersample", self.supersample, [1, 64])?;
         let omitted = self.planning.max_omitted;
         ranges::require("max_omitted", omitted, omitted.is_finite() && omitted >= 0.0, "a number from 0 up")?;
+        self.check_shading()?;
         self.scattering.check_ranges()
+    }
+
+    /// Refuses shading that does not go with the other settings.
+    fn check_shading(&self) -> Result<()> {
+        let scale = self.gradient_scale;
+        ranges::require("gradient_scale", scale, (0.0..=16.0).contains(&scale), "a number of voxels from 0 to 16")?;
+        let Some(shading) = self.shade else {
+            return match scale > 0.0 {
+                true => Err(Error::invalid("⟨gradient_scale⟩: no surface is shaded")
+                    .hint("add ⟨shade⟩, or leave ⟨gradient_scale⟩ out")),
+                false => Ok(()),
+            };
+        };
+        shading.checked()?;
+        if self.scattering.on() {
+            return Err(Error::invalid("⟨shade⟩ is for straight rays, and ⟨albedo⟩ traces paths")
+                .hint("leave one of them out: ⟨gradient_shading⟩ makes paths scatter at surfaces"));
+        }
+        match self.quadrature {
+            None | Some(Quadrature::Midpoint(_)) => Ok(()),
+            Some(other) => Err(Error::invalid(format!("⟨shade⟩ goes with samples at steps, and not with {other}"))
+                .hint("leave ⟨quadrature⟩ out, or give ⟨quadrature=midpoint:STEP⟩ with the step in voxels")),
+        }
     }
 
     /// Paths that the pictures are made from.

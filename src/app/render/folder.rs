@@ -134,7 +134,7 @@ impl Sequence<'_> {
         extra.insert("provenance".into(), json!(provenance));
         extra.extend(shot.plan.iter().map(|plan| ("plan".to_owned(), json!(plan))));
         extra.extend(shot.paths.then(|| ("scattering".to_owned(), self.pictures.scattering.record())));
-        transforms::save_for(&json, &json, &capture, &extra)?;
+        transforms::save_for(&json, &json, &self.pictures.recorded_as(&capture, &mut extra), &extra)?;
         Ok(shot.scales.clone())
     }
 

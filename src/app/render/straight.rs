@@ -78,12 +78,18 @@ pub(super) fn relative_bound(direct: &DirectRenderer<'_>, film: &Film) -> f64 {
 /// Adds how a picture was integrated to its attributes, with the bound of its error: absolute, and by the picture's
 /// scale if an error is `wanted`.
 pub(super) fn describe(renderer: &SceneRenderer<'_>, film: &Film, wanted: bool, attributes: &mut Attributes) {
-    let Renderer::Direct(direct) = &renderer.renderer else { return };
     let mut add = |name: &str, value: String| attributes.insert(format!("cumulo:{name}"), value);
+    let direct = match &renderer.renderer {
+        Renderer::Direct(direct) => Some(direct),
+        Renderer::Shaded(_) => None,
+        Renderer::Paths(_) => return,
+    };
     add("quadrature", renderer.quadrature.to_string());
     add("early_stop", renderer.early_stop.to_string());
-    add("error_bound", error_bound(direct).to_string());
-    if wanted {
+    // Samples at steps state no error.
+    let bound = direct.filter(|_| renderer.quadrature.step().is_none()).map(error_bound);
+    add("error_bound", bound.map_or("unknown".into(), |bound| bound.to_string()));
+    if let Some(direct) = direct.filter(|_| wanted) {
         add("error", relative_bound(direct, film).to_string());
         add("scale", scale_of(film).to_string());
     }

@@ -92,6 +92,17 @@ struct EarlyStop {
 }
 
 impl Integration {
+    /// Returns integration along straight rays, with the bounds of the errors of early stop and quadrature, and that of
+    /// both by the scale.
+    fn straight(renderer: &SceneRenderer<'_>, left_out: f64, [quadrature, relative]: [Option<f64>; 2]) -> Self {
+        Self::Dvr {
+            quadrature: renderer.quadrature.to_string(),
+            quadrature_error_bound: quadrature,
+            early_stop: EarlyStop { transmittance: renderer.early_stop, error_bound: left_out },
+            relative_error_bound: relative,
+        }
+    }
+
     /// Adds what a capture records of how its pictures were made.
     fn record(&self, scattering: Option<&ScatteringSettings>, extra: &mut Map<String, Value>) {
         if let Self::Dvr { quadrature, early_stop, .. } = self {
@@ -229,12 +240,8 @@ impl RenderSettings {
         (counts, errors, bound): (Counts, &[PictureError], Option<f64>),
     ) -> Integration {
         match &renderer.renderer {
-            Renderer::Direct(dvr) => Integration::Dvr {
-                quadrature: renderer.quadrature.to_string(),
-                quadrature_error_bound: dvr.quadrature_error(),
-                early_stop: EarlyStop { transmittance: renderer.early_stop, error_bound: dvr.left_out() },
-                relative_error_bound: bound,
-            },
+            Renderer::Direct(dvr) => Integration::straight(renderer, dvr.left_out(), [dvr.quadrature_error(), bound]),
+            Renderer::Shaded(shaded) => Integration::straight(renderer, shaded.left_out(), [None; 2]),
             Renderer::Paths(_) => Integration::Paths { paths: self.paths(counts, errors) },
         }
     }
@@ -304,7 +311,7 @@ impl Views<'_> {
         if let Some((waiting, json)) = &waiting_json {
             let mut extra = record(&self.provenance, plan.as_ref());
             way.record(paths.then_some(&pictures.scattering), &mut extra);
-            transforms::save_for(json, waiting, &self.capture, &extra)?;
+            transforms::save_for(json, waiting, &pictures.recorded_as(&self.capture, &mut extra), &extra)?;
         }
         // Another run may have ended in the folder meanwhile.
         let _lock = target.json().as_deref().and_then(Path::parent).map(atomic::lock_folder);

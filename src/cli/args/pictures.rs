@@ -14,6 +14,7 @@ use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::camera::Window;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
+use crate::scene::shading::Shading;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -97,6 +98,22 @@ struct PictureArgs {
         )
     )]
     quadrature: Option<Quadrature>,
+    /// Shade the surfaces that the transfer function shows by a light at the camera (Blinn-Phong across the gradient of
+    /// the density): shares of the color in all directions and facing the camera, highlight and its exponent
+    /// [default of what is left out: 0.2,0.8,0.15,20]
+    #[arg(
+        long,
+        value_name = "AMBIENT,DIFFUSE,SPECULAR,EXPONENT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "0.2,0.8,0.15,20",
+        conflicts_with = "albedo",
+    )]
+    shade: Option<Shading>,
+    /// Take the gradients of shaded surfaces through a filter of this standard deviation in voxels, so that the noise
+    /// of a scan does not sparkle: 1 to 2
+    #[arg(long, value_name = "VOXELS", default_value_t = 0.0, value_parser = parse::not_negative)]
+    gradient_scale: f64,
     /// Transmittance at which rays end (0: never); the report says how far that may be off
     #[arg(long, value_name = "T", default_value_t = 1e-6, value_parser = parse::share)]
     early_stop: f64,
@@ -136,6 +153,8 @@ impl From<PictureArgs> for PictureSettings {
             emission_model: args.emission_model,
             transfer: args.transfer,
             quadrature: args.quadrature,
+            shade: args.shade,
+            gradient_scale: args.gradient_scale,
             early_stop: args.early_stop,
             supersample: args.supersample,
             grid: args.grid,

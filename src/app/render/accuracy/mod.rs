@@ -64,6 +64,10 @@ impl AccuracySettings {
             return Err(Error::invalid("⟨quadrature⟩ and ⟨early_stop⟩ follow from ⟨target_error⟩")
                 .hint("leave them out; the report states what was chosen"));
         }
+        if self.target_error.is_some() && pictures.shade.is_some() {
+            return Err(Error::invalid("⟨target_error⟩: no bound is known of the error of shaded surfaces")
+                .hint("leave out ⟨target_error⟩, and give ⟨quadrature=midpoint:STEP⟩ with a smaller step"));
+        }
         if self.target_error.is_some() && self.time.is_some() {
             return Err(Error::invalid("⟨target_error⟩ and ⟨time⟩ both say when a picture is done")
                 .hint("give one of them: ⟨time⟩ states the error that it has reached"));

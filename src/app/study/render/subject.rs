@@ -52,6 +52,9 @@ impl RenderStudySettings {
         let _stage = context.stage("reading the scene");
         let mut pictures = self.pictures.clone();
         pictures.frame = self.frame;
+        if pictures.shade.is_some() {
+            return Err(Error::unsupported("⟨shade⟩: shaded surfaces are not studied").hint("leave ⟨shade⟩ out"));
+        }
         if let Some(input) = pictures.sequence_of_folder()? {
             pictures.input = input;
         }
