@@ -14,6 +14,7 @@ use cumulo::scene::capture::{EmissionModel, Model, PixelFilter};
 use cumulo::scene::film::Film;
 use cumulo::scene::grid::Grid;
 use glam::DVec3;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::os::unix::ffi::OsStringExt;
@@ -486,4 +487,52 @@ fn the_same_settings_are_written_in_many_ways() {
         let mut command = work.command(&format!("render --views {views} --size 8x8 -o odd"));
         assert_eq!(command.arg(&odd).output().unwrap().status.code(), Some(code), "{views}");
     }
+}
+
+/// Surfaces are shaded by a light at the camera. Without it the shaded picture is that of emission and absorption; its
+/// capture says that colors are no emission, and densities come from alpha.
+#[test]
+fn surfaces_are_shaded_by_a_light_at_the_camera() {
+    let work = Work::new();
+    let points = "[[0.1,0.9,0.6,0.3,0],[0.3,0.9,0.6,0.3,0],[0.4,0.9,0.6,0.3,20],[1,0.9,0.6,0.3,20]]";
+    let function = format!(
+        r#"{{"format":"cumulo-transfer-function","version":1,"transfer":{{"kind":"piecewise","points":{points}}}}}"#
+    );
+    std::fs::write(work.path("f.tf.json"), function).unwrap();
+    let view = "render @plume.vdb --tf f.tf.json --views 1 --size 48x48";
+    let picture = |options: &str, name: &str| {
+        let report = work.json(&format!("{view} {options} -o {name}"));
+        (report, exr::read_picture(&work.path(name), None).unwrap().rgba)
+    };
+    let (_, plain) = picture("--quadrature exact", "plain.exr");
+    let apart = |a: &[[f32; 4]], b: &[[f32; 4]], c: usize| {
+        let off = a.iter().zip(b).map(|(a, b)| (a[c] - b[c]).abs());
+        off.fold(0.0, f32::max)
+    };
+    let (report, flat) = picture("--shade=1,0,0,1 --quadrature midpoint:0.05", "flat.exr");
+    assert!((0..4).all(|c| apart(&plain, &flat, c) < 0.01), "{report}");
+    assert_eq!((&report["quadrature"], &report["quadrature_error_bound"]), (&"midpoint:0.05".into(), &Value::Null));
+    let (_, lit) = picture("--shade", "lit.exr");
+    assert!(apart(&plain, &lit, 3) < 0.02 && apart(&plain, &lit, 0) > 0.2);
+    // Surfaces that turn away are darker, and none is brighter than color and highlight together.
+    let most = lit.iter().map(|v| v[0]).fold(0.0, f32::max);
+    assert!(most > 0.8 && most <= 0.9 + 0.16, "{most}");
+    let (_, smooth) = picture("--shade --gradient-scale 2", "smooth.exr");
+    assert!(apart(&lit, &smooth, 0) > 0.01 && apart(&lit, &smooth, 3) == 0.0);
+
+    work.json(&format!("{} --shade -o cap", view.replace("--views 1", "--views 6")));
+    let capture: Value = serde_json::from_slice(&std::fs::read(work.path("cap/transforms.json")).unwrap()).unwrap();
+    assert_eq!((&capture["model"], &capture["shading"]["terms"]["diffuse"]), (&"scattering".into(), &0.8.into()));
+    work.refused("reconstruct tf @plume.vdb cap -o no.tf.json", Code::Unsupported, &["scatters"]);
+    for (options, code) in [
+        ("--shade --albedo 0.5", Code::Usage),
+        ("--shade=1,2,3,4,5", Code::Usage),
+        ("--gradient-scale 1", Code::Invalid),
+        ("--shade --gradient-scale 17", Code::Usage),
+        ("--shade --quadrature exact", Code::Invalid),
+        ("--shade --target-error 0.01", Code::Invalid),
+    ] {
+        work.refused(&format!("{view} {options} -o no.exr"), code, &[]);
+    }
+    work.refused("render @plume.vdb --views 1 --size 8x8 --shade -o no.exr", Code::Unsupported, &["--tf"]);
 }
