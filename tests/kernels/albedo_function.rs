@@ -5,7 +5,7 @@ use crate::common::scenes::Draw;
 use crate::path_tracing::{ALBEDO, Estimate, assert_agree, estimate, exact, lumpy, medium, peaks, scene, through};
 use crate::plan::{MOST, excess, picture, request};
 use cumulo::math::{Affine, Ray};
-use cumulo::plan::{Integrator, Plan};
+use cumulo::plan::{Effect, Integrator, Plan, State};
 use cumulo::render::integrator::Integrator as _;
 use cumulo::render::path::{Limits, PathTracer, Scratch};
 use cumulo::render::sampler::Sampler;
@@ -239,20 +239,22 @@ fn plans_keep_to_their_bounds() {
     assert!(left_out > 5 && straight > 2, "{left_out} {straight}");
 }
 
-/// Where nothing is scattered, the share that each density leaves is emitted, and no light is lost or made up for.
+/// Where nothing is scattered any more, the share that each density leaves is emitted: paths tell it, as no table does.
 #[test]
 fn emission_without_scattering_is_that_of_each_density() {
     let mut scene = Draw(7).scene();
-    let medium = Medium { albedo_function: red_and_blue(), ..by_function(0.3, Source::Transfer(Arc::new(peaks()))) };
+    let medium = Medium { albedo_function: red_and_blue(), ..by_function(0.002, Source::Transfer(Arc::new(peaks()))) };
     scene.volumes = vec![Volume::Density(lumpy(unit()), medium)];
     (scene.lights, scene.environment) = (Vec::new(), Environment::default());
     let plan = Plan::new(&scene, &scene.cameras, &request(1e9)).unwrap();
     assert_eq!(plan.integrator, Integrator::DirectVolumeRendering, "all may be left out");
-    let mut kept = request(0.0);
-    kept.limits = Limits { max_bounces: 0 };
-    let plan = Plan::new(&scene, &scene.cameras, &kept).unwrap();
+    let plan = Plan::new(&scene, &scene.cameras, &request(0.01)).unwrap();
+    let states = [Effect::Emission, Effect::Scattering].map(|effect| plan.state(effect));
+    assert_eq!((states, plan.limits.max_bounces), ([State::On, State::Off], 0), "{plan:#?}");
+    assert_eq!(plan.integrator, Integrator::PathTracing);
     let simplified = plan.simplify(scene.clone()).unwrap();
     let found = picture(&simplified, plan.integrator, plan.limits, plan.background, 2);
-    let full = picture(&scene, Integrator::PathTracing, kept.limits, None, 1);
+    let full = picture(&scene, Integrator::PathTracing, Limits { max_bounces: 0 }, None, 1);
+    assert!(full.iter().any(|[mean, _]| *mean > 1e-3));
     assert!(excess(&full, &found, 0.0) < MOST && excess(&found, &full, 0.0) < MOST);
 }
