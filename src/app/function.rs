@@ -7,7 +7,7 @@ use crate::app::inputs;
 use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::transfer::{self, Builtin, Options, Source, TransferSummary};
+use crate::formats::transfer::{self, Builtin, Function, Loaded, Options, Source, TransferSummary};
 use crate::text::printable;
 use crate::wording::{all_worded, worded};
 use serde::{Deserialize, Serialize};
@@ -128,16 +128,18 @@ impl FunctionSettings {
             provenance.lap();
             let provenance = serde_json::to_value(&provenance)
                 .map_err(|e| Error::invalid(e.to_string()).at(path).hint("report this as a bug"))?;
-            transfer::save(path, &loaded.transfer, loaded.name.as_deref(), Some(&provenance))?;
+            let function = (&loaded.transfer, loaded.albedo.as_deref());
+            transfer::save_function(path, function, loaded.name.as_deref(), Some(&provenance))?;
         }
+        let Loaded { transfer, albedo, source, name, presets, notes } = loaded;
         Ok(Described {
             input: input.to_path_buf(),
             output: self.output.clone(),
-            source: loaded.source,
-            name: loaded.name,
-            summary: TransferSummary::of(&loaded.transfer)?,
-            presets: loaded.presets,
-            notes: all_worded(loaded.notes),
+            source,
+            name,
+            summary: TransferSummary::of(&Function { transfer, albedo })?,
+            presets,
+            notes: all_worded(notes),
         })
     }
 

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::formats::limits::Limits;
-use crate::formats::transfer::{self, Options};
+use crate::formats::transfer::{self, Function, Options};
 use crate::scene::transfer::Transfer;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -36,8 +36,16 @@ impl TransferSettings {
     /// # Errors
     /// Those of [`transfer::load`].
     pub(crate) fn load(&self, limits: Limits) -> Result<Option<Transfer>> {
+        self.function(limits).map(|function| function.map(|function| function.transfer))
+    }
+
+    /// Loads the transfer function, with the albedo that it may have, if one is stated.
+    ///
+    /// # Errors
+    /// Those of [`transfer::load`].
+    pub(crate) fn function(&self, limits: Limits) -> Result<Option<Function>> {
         let Some(path) = &self.tf else { return Ok(None) };
-        transfer::load(path, &self.options(limits)).map(|loaded| Some(loaded.transfer))
+        transfer::load(path, &self.options(limits)).map(|loaded| Some(loaded.function()))
     }
 
     /// Returns the options that the function is read with.

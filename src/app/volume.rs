@@ -4,6 +4,7 @@ use super::transfer::TransferSettings;
 use crate::error::{Error, Kind, Result};
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
+use crate::formats::transfer::Function;
 use crate::formats::vdb::{File, shaded};
 use crate::formats::{registry, transfer};
 use crate::scene::bricks::{Bricks, too_large};
@@ -37,14 +38,28 @@ pub(crate) fn read(
     function: &TransferSettings,
     limits: Limits,
 ) -> Result<(Grid, Option<Transfer>)> {
-    let requested = function.load(limits)?;
+    let (grid, function) = read_with_function(path, name, function, limits)?;
+    Ok((grid, function.map(|function| function.transfer)))
+}
+
+/// Reads a fog volume as [`read`] does, and the function with the albedo that it may have.
+///
+/// # Errors
+/// If the volume or the transfer function cannot be read or used.
+pub(crate) fn read_with_function(
+    path: &Path,
+    name: Option<&str>,
+    function: &TransferSettings,
+    limits: Limits,
+) -> Result<(Grid, Option<Function>)> {
+    let requested = function.function(limits)?;
     let grid = open(path, limits)?.read_fog(name)?;
     let named = |e: Error| e.part(format!("grid '{}'", grid.name)).at(path);
-    let transfer = match requested {
-        Some(transfer) => Some(transfer),
-        None => transfer::from_metadata(&grid.metadata).map_err(named)?,
+    let function = match requested {
+        Some(function) => Some(function),
+        None => transfer::function_from_metadata(&grid.metadata).map_err(named)?,
     };
-    Ok((grid, transfer))
+    Ok((grid, function))
 }
 
 /// Arranges a grid for rays that only read it: constant tiles share bricks. With a transfer function the volume ends at

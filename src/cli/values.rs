@@ -20,6 +20,7 @@ use crate::formats::usd::write::material::Renderer;
 use crate::formats::vdb::{Codec, ResampleFilter};
 use crate::render::differentiable::Adjoint;
 use crate::render::film::Aov;
+use crate::scene::albedo::TransferColor;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
 use clap::ValueEnum;
@@ -47,6 +48,12 @@ value_enum!(Choice for Model {
     PreShaded: "pre-shaded",
         "`∫ T e dt + T · background`, with a grid of emissions e per length beside that of extinctions";
     Scattering: "scattering", "Light that is scattered any number of times: see --albedo";
+});
+
+value_enum!(Choice for TransferColor {
+    Emission: "emission", "Radiance of the source; the albedo is the same for all densities";
+    Albedo: "albedo", "Albedo; nothing is emitted";
+    Both: "both", "Albedo, and radiance of which the share that is not scattered is emitted";
 });
 
 value_enum!(Choice for EmissionModel {

@@ -53,8 +53,10 @@ impl Media {
     pub(crate) fn new<'m>(media: impl Iterator<Item = &'m Medium>, depth: f64) -> Self {
         let opacity = -(-depth).exp_m1();
         let (mut albedo, mut peak) = (DVec3::ZERO, 0.25 / PI);
-        for scattering in media.filter_map(|medium| medium.scattering) {
-            albedo = albedo.max(Vec3::from_array(scattering.albedo).as_dvec3());
+        for medium in media {
+            let Some(scattering) = medium.scattering else { continue };
+            let [_, most] = medium.albedo_bounds();
+            albedo = albedo.max(Vec3::from_array(most).as_dvec3());
             if let Phase::HenyeyGreenstein(g) = scattering.phase {
                 peak = f64::max(peak, scattering.phase.value(g.signum()));
             }
@@ -83,8 +85,9 @@ impl Media {
                 Source::Linear(color) => Vec3::from_array(*color).as_dvec3() * densest,
                 Source::Transfer(table) => DVec3::from_slice(&table.peak()),
             };
-            let albedo = Vec3::from_array(medium.scattering.map_or([0.0; 3], |s| s.albedo)).as_dvec3();
-            let emitted = (DVec3::ONE - albedo) * source;
+            let [least, _] = medium.albedo_bounds();
+            let emitted = (DVec3::ONE - Vec3::from_array(least).as_dvec3()) * source;
+            let emitted = brightest(medium).map_or(emitted, |brightest| brightest.min(emitted));
             bound.first = bound.first.max(emitted * self.opacity);
             bound.all = bound.all.max(DVec3::select(emitted.cmpgt(DVec3::ZERO), source, DVec3::ZERO));
         }
@@ -111,6 +114,24 @@ impl Media {
         let dark = emission.first.cmpeq(DVec3::ZERO);
         DVec3::select(dark, DVec3::ZERO, (emission.first / self.opacity).min(emission.all))
     }
+}
+
+/// Returns an upper bound of what a medium with functions of the density for its source and its albedo emits per unit
+/// of optical depth, density by density: where it is bright it may scatter most.
+fn brightest(medium: &Medium) -> Option<DVec3> {
+    let (Source::Transfer(source), Some(function)) = (&medium.source, &medium.albedo_function) else { return None };
+    let albedo = Vec3::from_array(medium.scattering?.albedo).as_dvec3();
+    let colors = function.table();
+    let mut knots = [source.knots(), colors.knots()].concat();
+    knots.sort_by(f64::total_cmp);
+    // Each is linear between neighbouring knots, and constant beyond the outermost.
+    let ends = [[knots[0]; 2], [knots[knots.len() - 1]; 2]];
+    let pieces = knots.windows(2).map(|pair| [pair[0], pair[1]]).chain(ends);
+    let emitted = pieces.map(|[low, high]| {
+        let (bright, (dim, _)) = (source.bounds(low, high).1, colors.bounds(low, high));
+        (DVec3::ONE - albedo * DVec3::from_slice(&dim)) * DVec3::from_slice(&bright)
+    });
+    emitted.reduce(DVec3::max)
 }
 
 #[cfg(test)]

@@ -65,7 +65,7 @@ impl Measured {
         let depths = depths.into_iter().max_by(|a, b| last(a).total_cmp(&last(b))).unwrap_or_default();
         let at = |share: f64| depths.get((depths.len().saturating_sub(1) as f64 * share).round() as usize).copied();
         let media = || densities.iter().map(|(_, medium)| *medium);
-        let albedos = || media().map(|m| m.scattering.map_or([0.0; 3], |s| s.albedo));
+        let albedos = || media().flat_map(Medium::albedo_bounds);
         let most = albedos().flatten().fold(0.0, f32::max);
         let constant = |values: &[f32]| values.iter().all(|v| *v == values[0]);
         let fields = || densities.iter().map(|(field, _)| &field.values);
@@ -93,11 +93,15 @@ fn uneven(color: &[f32; 3]) -> bool {
     color.iter().any(|v| *v != color[0])
 }
 
-/// True if the source's color differs between channels.
+/// True if the source's color, or that of the albedo, differs between channels.
 fn colored(medium: &Medium) -> bool {
+    let uneven_value = |v: &[f64; 4]| v[..3].iter().any(|c| *c != v[0]);
+    if medium.albedo_function.as_ref().is_some_and(|function| function.table().values().iter().any(uneven_value)) {
+        return true;
+    }
     match &medium.source {
         Source::Grey(color) | Source::Linear(color) => uneven(color),
-        Source::Transfer(table) => table.values().iter().any(|v| v[..3].iter().any(|c| *c != v[0])),
+        Source::Transfer(table) => table.values().iter().any(uneven_value),
     }
 }
 

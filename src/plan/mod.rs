@@ -22,7 +22,7 @@ use crate::error::{Error, Result};
 use crate::render::path::Limits;
 use crate::scene::camera::Camera;
 use crate::scene::environment::Environment;
-use crate::scene::medium::Source;
+use crate::scene::medium::{Medium, Source};
 use crate::scene::scene::Scene;
 use crate::scene::table::Table;
 use crate::scene::volume::Volume;
@@ -161,10 +161,11 @@ impl Plan {
             if !on(Effect::Emission) {
                 medium.source = darkened(&medium.source, Vec3::ZERO)?;
             }
-            if !on(Effect::Scattering)
-                && let Some(scattering) = medium.scattering.take()
-            {
-                medium.source = darkened(&medium.source, Vec3::ONE - Vec3::from_array(scattering.albedo))?;
+            // Paths that end at their first collision emit the share that each density leaves.
+            if !on(Effect::Scattering) && !emits_by_density(medium) && medium.scattering.is_some() {
+                let [albedo, _] = medium.albedo_bounds();
+                medium.source = darkened(&medium.source, Vec3::ONE - Vec3::from_array(albedo))?;
+                (medium.scattering, medium.albedo_function) = (None, None);
             }
         }
         let mut number = 0..;
@@ -179,6 +180,18 @@ impl Plan {
         }
         Ok(scene)
     }
+}
+
+/// True if a medium emits a share of its source's radiance that depends on the density, which no source of the same kind
+/// tells without its albedo.
+fn emits_by_density(medium: &Medium) -> bool {
+    let [least, most] = medium.albedo_bounds();
+    let bright = |color: &[f32; 3]| *color != [0.0; 3];
+    let emits = match &medium.source {
+        Source::Grey(color) | Source::Linear(color) => bright(color),
+        Source::Transfer(table) => table.peak()[..3] != [0.0; 3],
+    };
+    emits && least != most
 }
 
 /// Returns a source whose radiance is multiplied by a share. Black ones keep the extinction alone where it has no

@@ -2,7 +2,7 @@
 
 use super::bounds::{Bound, Media};
 use super::contribution::{CONFIDENCE, Caps, Contribution, Part, Pilot, RUNGS, Shining, Verdict};
-use super::{Effect, Integrator, Measured, Plan, Planned, Request, State};
+use super::{Effect, Integrator, Measured, Plan, Planned, Request, State, emits_by_density};
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::math::Aabb;
@@ -149,11 +149,16 @@ impl<'p> Planner<'p> {
         self.environment(scattering)?;
         self.orders(scattering)?;
         self.kinds(scattering);
+        // What is emitted then depends on the albedo of each density: paths that nothing scatters tell it.
+        let by_density = !scattering && self.emission.first != DVec3::ZERO && media(self.scene).any(emits_by_density);
+        if by_density {
+            self.limits.max_bounces = 0;
+        }
         let [density] = &self.scene.volumes[..] else { return Ok(self.finished(Integrator::PathTracing)) };
         let pre_shaded = matches!(density, Volume::PreShaded(_));
         let picture = self.scene.environment.map.is_some() && self.background.is_none();
-        let straight =
-            pre_shaded || !(scattering || picture || self.measured.chromatic || self.forced(Effect::Scattering));
+        let straight = pre_shaded
+            || !(scattering || by_density || picture || self.measured.chromatic || self.forced(Effect::Scattering));
         Ok(self.finished(if straight { Integrator::DirectVolumeRendering } else { Integrator::PathTracing }))
     }
 
@@ -271,7 +276,9 @@ impl<'p> Planner<'p> {
             };
             found = measured;
             let [least, most] = self.measured.albedo;
+            let by_density = media(self.scene).any(|medium| medium.albedo_function.is_some());
             let reason = match left {
+                Left::In if by_density => format!("albedo {least} to {most} by the density"),
                 Left::In if least == most => format!("albedo {most}"),
                 Left::In => format!("albedo {least} to {most}"),
                 _ if scattered == DVec3::ZERO => "there is no light to scatter".into(),

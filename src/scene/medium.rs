@@ -2,9 +2,11 @@
 //!
 //! The extinction coefficient is `σ_t = extinction · d` per world length, or `extinction · τ(d)` with a transfer
 //! function; a chromatic medium has a share of it in each color channel. Of it the albedo ϖ is scattered, `σ_s = ϖ
-//! σ_t`, and the rest absorbed, `σ_a = (1 - ϖ) σ_t`; the medium emits the radiance `σ_a c` per world length.
+//! σ_t`, and the rest absorbed, `σ_a = (1 - ϖ) σ_t`; the medium emits the radiance `σ_a c` per world length. The albedo
+//! is one color, or that color times a function of the density.
 
 use crate::error::{Error, Result};
+use crate::scene::albedo::AlbedoFunction;
 use crate::scene::phase::Phase;
 use crate::scene::table::Table;
 use std::sync::Arc;
@@ -53,12 +55,14 @@ pub struct Medium {
     pub source: Source,
     /// Scattering; `None` for a medium that absorbs all it does not let through.
     pub scattering: Option<Scattering>,
+    /// Color of the albedo by density, the factor of the albedo of `scattering`; `None` for 1 at every density.
+    pub albedo_function: Option<Arc<AlbedoFunction>>,
 }
 
 impl Medium {
     /// Creates a medium that absorbs and emits.
     pub const fn new(extinction: f64, source: Source) -> Self {
-        Self { extinction, color: [1.0; 3], source, scattering: None }
+        Self { extinction, color: [1.0; 3], source, scattering: None, albedo_function: None }
     }
 
     /// Creates a medium that only absorbs.
@@ -101,7 +105,7 @@ impl Medium {
     /// Returns the medium that absorbs in every channel what this one takes from a ray in the channel of most
     /// extinction.
     pub(crate) fn densest_channel(&self) -> Self {
-        Self { color: [1.0; 3], scattering: None, ..self.clone() }
+        Self { color: [1.0; 3], scattering: None, albedo_function: None, ..self.clone() }
     }
 
     /// Returns the medium if its numbers can be used.
@@ -144,7 +148,14 @@ impl Medium {
 
     /// True if light is scattered at all.
     pub fn scatters(&self) -> bool {
-        self.scattering.is_some_and(|scattering| scattering.albedo != [0.0; 3])
+        self.albedo_bounds()[1] != [0.0; 3]
+    }
+
+    /// Returns the least and the greatest albedo over all densities, by channel.
+    pub(crate) fn albedo_bounds(&self) -> [[f32; 3]; 2] {
+        let albedo = self.scattering.map_or([0.0; 3], |scattering| scattering.albedo);
+        let times = |color: [f64; 3]| [0, 1, 2].map(|c| albedo[c] * color[c] as f32);
+        self.albedo_function.as_ref().map_or([albedo; 2], |function| function.bounds().map(times))
     }
 }
 
@@ -175,6 +186,11 @@ mod tests {
             let medium = Medium { scattering: Some(shaded(half)), ..Medium::absorbing(1.0) };
             assert!(medium.checked().unwrap_err().to_string().contains("gradient shading"));
         }
+        let function = Some(Arc::new(AlbedoFunction::new(&[[0.0, 0.0, 0.25, 0.0], [1.0, 0.5, 0.75, 0.0]]).unwrap()));
+        let colored = Medium { albedo_function: function, ..of([0.5, 1.0, 1.0], Phase::Isotropic) };
+        assert_eq!(colored.albedo_bounds(), [[0.0, 0.25, 0.0], [0.25, 0.75, 0.0]]);
+        assert!(colored.scatters() && colored.densest_channel() == Medium::absorbing(1.0));
+        assert!(!Medium { scattering: Some(Scattering::new([0.0, 0.0, 1.0], Phase::Isotropic)), ..colored }.scatters());
         let dark = Medium::new(1.0, Source::Linear([-1.0, 0.0, 0.0]));
         assert!(dark.checked().unwrap_err().to_string().contains("not negative"));
     }

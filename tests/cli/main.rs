@@ -48,6 +48,7 @@ mod sequences;
 mod shell;
 mod statistical;
 mod study;
+mod tf_color;
 mod through_transfer;
 mod transfer;
 mod transfer_names;

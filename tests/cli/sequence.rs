@@ -112,8 +112,7 @@ fn a_changed_input_has_its_frames_rendered_again() {
         std::fs::write(work.path("a.tf.json"), text).unwrap();
     };
     tf(2.0);
-    let command =
-        "render s.vdb --cameras path --tf a.tf.json --albedo 0.9 --sky sky.exr --samples 1 --frames 0-2 -o out";
+    let command = "render s.vdb --cameras path --tf a.tf.json --albedo 0.9 --tf-color emission --sky sky.exr --samples 1 --frames 0-2 -o out";
     work.json(command);
     let resumed = |renewed: Value| {
         let report = work.json(&format!("{command} --resume"));

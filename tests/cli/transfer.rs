@@ -217,9 +217,9 @@ fn faults_are_named() {
         ("{\"format\": ".into(), Code::Invalid, ["no valid JSON", "line 1"]),
         (json!({"format": "other"}).to_string(), Code::Unsupported, ["'format' is \"other\"", "is expected"]),
         (
-            json!({"format": "cumulo-transfer-function", "version": 2}).to_string(),
+            json!({"format": "cumulo-transfer-function", "version": 3}).to_string(),
             Code::Unsupported,
-            ["'version' is 2", "newer version"],
+            ["'version' is 3", "newer version"],
         ),
         (
             json!({"format": "cumulo-transfer-function", "version": 1}).to_string(),

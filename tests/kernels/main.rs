@@ -16,6 +16,7 @@
 mod common;
 
 mod accuracy;
+mod albedo_function;
 mod analytic;
 mod denoise;
 mod determinism;

@@ -81,7 +81,7 @@ pub fn assert_agree(what: &str, found: &[Estimate], expected: &[Estimate]) {
     assert!(worst < limit, "{what}: {worst} > {limit}\n{found:?}\n{expected:?}");
 }
 
-fn exact(values: impl IntoIterator<Item = [f64; 3]>) -> Vec<Estimate> {
+pub fn exact(values: impl IntoIterator<Item = [f64; 3]>) -> Vec<Estimate> {
     values.into_iter().map(|rgb| rgb.map(|v| [v, 0.0])).collect()
 }
 

@@ -18,7 +18,7 @@ use cumulo::scene::volume::Volume;
 use glam::{DVec3, Vec3};
 
 /// Means and squared standard errors of the picture, by channel and pixel.
-fn picture(
+pub fn picture(
     scene: &Scene,
     integrator: Integrator,
     limits: Limits,
@@ -56,20 +56,20 @@ fn picture(
     (0..(EDGE * EDGE) as usize).flat_map(|pixel| (0..3).map(move |c| (pixel, c))).map(estimate).collect()
 }
 
-fn request(max_omitted: f64) -> Request {
+pub fn request(max_omitted: f64) -> Request {
     Request { max_omitted, ..Request::default() }
 }
 
 /// Returns by how many standard errors the first picture is brighter than the second and the bound at most. Standard errors of
 /// few groups have long tails; one thousandth of the value and what a pixel's square may hide from 12² rays are added.
-fn excess(full: &[[f64; 2]], less: &[[f64; 2]], bound: f64) -> f64 {
+pub fn excess(full: &[[f64; 2]], less: &[[f64; 2]], bound: f64) -> f64 {
     let over =
         |([a, va], [b, vb]): (&[f64; 2], &[f64; 2])| (a - b - bound) / (va + vb + (2e-3 * a).powi(2) + 1e-12).sqrt();
     full.iter().zip(less).map(over).fold(f64::NEG_INFINITY, f64::max)
 }
 
 /// Standard errors of 15 degrees of freedom that chance exceeds in one of a million pixels.
-const MOST: f64 = 7.5;
+pub const MOST: f64 = 7.5;
 
 /// Random scenes: light that a plan leaves out is missing, and no more than the bound; the plan without a limit leaves out
 /// nothing.

@@ -8,11 +8,10 @@ use crate::error::{Code, Error, Result};
 use crate::formats::imaging::values::Mapping;
 use crate::formats::imaging::volume::{self, GridType};
 use crate::formats::limits::Limits;
-use crate::formats::transfer::{METADATA_KEY, to_metadata};
+use crate::formats::transfer::{Function, METADATA_KEY, to_metadata};
 use crate::formats::vdb::{GridInfo, NativeGrid, ResampleFilter};
 use crate::math::Aabb;
 use crate::scene::grid::GridClass;
-use crate::scene::transfer::Transfer;
 use crate::text::bytes as human;
 
 /// A grid in the course of its edits, with the entry that the report will have for it.
@@ -144,8 +143,8 @@ impl<'e> GridEdit<'e> {
     }
 
     /// Attaches a transfer function as metadata.
-    pub(crate) fn attach(&mut self, transfer: &Transfer) -> Result<()> {
-        self.native.set_metadata(METADATA_KEY, &to_metadata(transfer))?;
+    pub(crate) fn attach(&mut self, function: &Function) -> Result<()> {
+        self.native.set_metadata(METADATA_KEY, &to_metadata(function))?;
         self.converted.transfer = true;
         Ok(())
     }

@@ -8,10 +8,9 @@ use super::{ConvertSettings, FileReport};
 use crate::app::Context;
 use crate::app::outputs::{self, Content};
 use crate::error::{Error, Result};
-use crate::formats::transfer::TransferSummary;
+use crate::formats::transfer::{Function, TransferSummary};
 use crate::formats::vdb::{File, NativeGrid, ResampleFilter, Transform as Placement, writable, write_native};
 use crate::math::Aabb;
-use crate::scene::transfer::Transfer;
 use crate::text::bytes as human;
 use crate::text::printable;
 use crate::wording::all_worded;
@@ -51,7 +50,7 @@ impl ConvertSettings {
         let limits = self.limits;
         outputs::file(&self.output, Content::Vdb)?;
         let volumes = || std::iter::once(&self.input).chain(&self.more);
-        let transfer = self.transfer.load(limits)?;
+        let transfer = self.transfer.function(limits)?;
         let files = volumes().map(|path| File::open(path, limits)).collect::<Result<Vec<_>>>()?;
         let parts = self.parts(&files)?;
         let turn = Turn::of(&self.edits, &files[0]);
@@ -87,7 +86,7 @@ impl ConvertSettings {
     fn made(
         &self,
         parts: &[Part<'_>],
-        (transfer, turn): (Option<&Transfer>, Option<&Turn>),
+        (transfer, turn): (Option<&Function>, Option<&Turn>),
         warnings: &mut Vec<String>,
     ) -> Result<(Vec<NativeGrid>, Vec<ConvertedGrid>)> {
         let mut new_names = self.new_names(parts, warnings)?.into_iter();
@@ -186,7 +185,7 @@ impl ConvertSettings {
 struct Settings<'s> {
     /// Name of the grid in the output.
     name: Option<String>,
-    transfer: Option<&'s Transfer>,
+    transfer: Option<&'s Function>,
     turn: Option<&'s Turn>,
 }
 

@@ -4,7 +4,7 @@ use crate::app::statistics::statistics_of;
 use crate::app::up::{self, ChosenUp};
 use crate::error::Result;
 use crate::formats::limits::Limits;
-use crate::formats::transfer::{METADATA_KEY, TransferSummary, from_metadata};
+use crate::formats::transfer::{METADATA_KEY, TransferSummary, function_from_metadata};
 use crate::formats::vdb::{File, GridInfo, Transform};
 use crate::scene::grid::MetaValue;
 use crate::scene::statistics::Statistics;
@@ -110,7 +110,7 @@ pub(super) fn summary(path: &Path, limits: Limits) -> Result<Volume> {
 
 /// Reads the transfer function of a grid's metadata; one that cannot be used is described by its problem.
 fn carried(metadata: &BTreeMap<String, MetaValue>) -> Option<Carried> {
-    match from_metadata(metadata).and_then(|t| t.map(|t| TransferSummary::of(&t)).transpose()) {
+    match function_from_metadata(metadata).and_then(|t| t.map(|t| TransferSummary::of(&t)).transpose()) {
         Ok(usable) => usable.map(Carried::Usable),
         Err(error) => Some(Carried::Unusable { problem: error.what().into_owned() }),
     }

@@ -155,7 +155,9 @@ impl PictureSettings {
         template: Option<&Capture>,
         cameras: &[Camera],
     ) -> Result<f64> {
-        let Subject::Grids(grids) = subject else { return Ok(DensityScales::of(subject, 1.0).single().unwrap_or(1.0)) };
+        let Subject::Grids { grids, .. } = subject else {
+            return Ok(DensityScales::of(subject, 1.0).single().unwrap_or(1.0));
+        };
         match (self.density_scale, template) {
             (Some(DensityScale::Given(scale)), _) => Ok(scale),
             (Some(DensityScale::Auto), _) => {
@@ -198,7 +200,7 @@ impl PictureSettings {
             return Ok(Model::Scattering);
         }
         let of_volume = match subject {
-            Subject::Grids(Grids::EmissionExtinction(_)) => Some(Model::PreShaded),
+            Subject::Grids { grids: Grids::EmissionExtinction(_), .. } => Some(Model::PreShaded),
             _ => by_function.then_some(Model::EmissionAbsorption),
         };
         match self.model.or(of_volume).or(template.map(|c| c.model)) {

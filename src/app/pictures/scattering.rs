@@ -4,10 +4,12 @@ use crate::app::ranges;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits as FileLimits;
 use crate::formats::scene_file::environment_map;
+use crate::formats::transfer::Function;
 use crate::formats::usd::ScatteringOverride;
 use crate::render::film::Sampling;
 use crate::render::integrator::Counts;
 use crate::render::path::Limits;
+use crate::scene::albedo::{AlbedoFunction, TransferColor};
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
 use crate::scene::medium::Scattering;
@@ -46,6 +48,9 @@ impl Sky {
 pub struct ScatteringSettings {
     /// Fraction of the extinction that is scattered in R, G and B, from 0 to 1; none for no scattering.
     pub albedo: Option<[f32; 3]>,
+    /// What the colors of a transfer function are; none for the albedo where all of them lie within 0 to 1, else
+    /// emission, and for what the function states where it has an albedo of its own.
+    pub tf_color: Option<TransferColor>,
     /// Mean cosine of the scattering angle (Henyey-Greenstein), -0.999 to 0.999; none for that of a stage, else 0.
     pub anisotropy: Option<f64>,
     /// Change of density per world length at which half of the light is scattered as by a surface; none for a medium
@@ -75,6 +80,7 @@ impl Default for ScatteringSettings {
     fn default() -> Self {
         Self {
             albedo: None,
+            tf_color: None,
             anisotropy: None,
             gradient_shading: None,
             extinction_color: None,
@@ -106,8 +112,14 @@ impl ScatteringSettings {
 
     /// Returns what the settings state of how a stage's media scatter; `None` without an albedo.
     pub fn overrides(&self) -> Option<ScatteringOverride> {
-        let Self { anisotropy, gradient_shading, extinction_color, .. } = *self;
-        self.albedo.map(|albedo| ScatteringOverride { albedo, anisotropy, gradient_shading, extinction_color })
+        let Self { tf_color, anisotropy, gradient_shading, extinction_color, .. } = *self;
+        self.albedo.map(|albedo| ScatteringOverride {
+            albedo,
+            tf_color,
+            anisotropy,
+            gradient_shading,
+            extinction_color,
+        })
     }
 
     /// Returns the factors of the extinction in red, green and blue.
@@ -183,6 +195,10 @@ impl ScatteringSettings {
     /// If a value is none that its setting may have; the error names it.
     pub(super) fn check_ranges(&self) -> Result<()> {
         ranges::shares("albedo", self.albedo)?;
+        if self.tf_color.is_some() && !self.on() {
+            return Err(Error::invalid("⟨tf_color⟩: nothing is scattered, and the colors are emission")
+                .hint("give ⟨albedo⟩, or leave ⟨tf_color⟩ out"));
+        }
         if let Some(g) = self.anisotropy {
             ranges::require("anisotropy", g, (-0.999..=0.999).contains(&g), "a number from -0.999 to 0.999")?;
         }
@@ -227,9 +243,10 @@ impl ScatteringSettings {
         Sampling::random(samples, seed).clamped(self.clamp.map(|most| most as f32))
     }
 
-    /// Returns the settings as the capture's record of how its pictures were made.
-    pub fn record(&self) -> Value {
-        json!({
+    /// Returns the settings as the capture's record of how its pictures were made, with what the colors of the transfer
+    /// function were taken for, if there was one.
+    pub(in crate::app) fn record(&self, colors: Option<&Colors>) -> Value {
+        let mut record = json!({
             "albedo": self.albedo,
             "anisotropy": self.anisotropy.unwrap_or_default(),
             "gradient_shading": self.gradient_shading,
@@ -247,7 +264,12 @@ impl ScatteringSettings {
             "seed": self.seed.unwrap_or(0),
             "max_bounces": self.max_bounces,
             "clamp": self.clamp,
-        })
+        });
+        if let (Some(Colors { color, own, .. }), Some(record)) = (colors, record.as_object_mut()) {
+            record.insert("tf_color".into(), json!(color));
+            record.extend(own.as_ref().map(|own| ("tf_albedo".to_owned(), json!({"points": own.points()}))));
+        }
+        record
     }
 
     /// Returns the summary of the events while pictures of `samples` paths a pixel were traced.
@@ -268,6 +290,47 @@ impl ScatteringSettings {
                 lost_radiance: counts.lost / counts.paths.max(1) as f64,
             }),
         }
+    }
+}
+
+/// What the colors of a transfer function are taken for in a medium that scatters light.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::app) struct Colors {
+    /// Their meaning.
+    pub color: TransferColor,
+    /// True if the settings state it.
+    stated: bool,
+    /// Albedo that the function states beside its colors.
+    pub own: Option<Arc<AlbedoFunction>>,
+}
+
+impl Colors {
+    /// Returns what the colors of a function are taken for by the settings.
+    ///
+    /// # Errors
+    /// If the function cannot be used.
+    pub(crate) fn of(function: &Function, settings: &ScatteringSettings) -> Result<Self> {
+        let color = settings.tf_color.map_or_else(|| function.usual_color(), Ok)?;
+        Ok(Self { color, stated: settings.tf_color.is_some(), own: function.albedo.clone() })
+    }
+
+    /// Says what the colors were taken for, where no setting states it.
+    pub(crate) fn remark(&self) -> Option<String> {
+        if self.stated {
+            return None;
+        }
+        let taken = match (self.color, &self.own) {
+            (TransferColor::Albedo, _) => {
+                "the colors of the transfer function are its albedo, since all lie within 0 to 1, and nothing is emitted"
+            }
+            (TransferColor::Emission, _) => {
+                "the colors of the transfer function are emission, since some lie above 1, and the albedo is the same \
+                 for all densities"
+            }
+            (TransferColor::Both, Some(_)) => "the transfer function states its albedo, and its colors are emission",
+            (TransferColor::Both, None) => "the colors of the transfer function are its albedo and emission",
+        };
+        Some(format!("{taken}: ⟨tf_color⟩ states it otherwise"))
     }
 }
 
@@ -293,6 +356,7 @@ pub(crate) fn recorded(record: &Value) -> Option<String> {
     let sun = value("/sun/direction").and_then(Value::as_array).map(|direction| format!("⟨sun={}⟩", join(direction)));
     let options = [
         Some(option("albedo", "/albedo")?),
+        option("tf_color", "/tf_color"),
         option("anisotropy", "/anisotropy").filter(|words| words != "⟨anisotropy=0⟩"),
         option("gradient_shading", "/gradient_shading"),
         option("extinction_color", "/extinction_color").filter(|words| words != "⟨extinction_color=1⟩"),

@@ -100,7 +100,7 @@ impl PictureSettings {
         let capture = pictures.capture(|name| PathBuf::from(name), &subject, transfer, template, cameras)?;
         let scale = capture.density_scale;
         settled.density_scale = Some(settled.density_scale.map_or(scale, |least| least.min(scale)));
-        if self.planning.max_omitted > 0.0 && matches!(subject, Subject::Grids(_)) {
+        if self.planning.max_omitted > 0.0 && matches!(subject, Subject::Grids { .. }) {
             let plan = pictures.plan(&pictures.scene(&capture, subject)?, false, cancel)?;
             let kept = plan.effects.iter().map(|planned| planned.name).filter(|effect| plan.simulates(*effect));
             // Only what could be left out can be kept by force.

@@ -1,5 +1,6 @@
 //! What `cumulo render` renders: the grids of one volume, or a scene file.
 
+use super::scattering::Colors;
 use super::settings::PictureSettings;
 use crate::app::provenance::Provenance;
 use crate::app::volume;
@@ -8,6 +9,7 @@ use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::registry;
 use crate::formats::scene_file::{self, LoadedScene, SceneVolume};
+use crate::formats::transfer::Function;
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, EmissionModel, Model};
 use crate::scene::emission::{self, Emission, Emitted};
@@ -19,13 +21,19 @@ use crate::scene::transfer::Transfer;
 use crate::scene::volume::{Grids, Volume};
 use glam::{DMat4, DVec3};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Subject of the pictures.
 #[allow(clippy::large_enum_variant, reason = "there is one at a time")]
 pub(in crate::app) enum Subject {
     /// The grids of one volume, whose medium and light the settings and `cameras` tell.
-    Grids(Grids),
+    Grids {
+        /// Grids.
+        grids: Grids,
+        /// What the colors of the transfer function are, where light is scattered.
+        colors: Option<Colors>,
+        /// Remarks on the transfer function.
+        remarks: Vec<String>,
+    },
     /// A scene file, or a USD stage.
     Scene {
         /// Scene.
@@ -51,7 +59,7 @@ impl Subject {
             Volume::PreShaded(volume) => volume.channel(3).outline(),
         };
         match self {
-            Self::Grids(grids) => {
+            Self::Grids { grids, .. } => {
                 let field = grids.density_or_extinction();
                 match transfer.and_then(|transfer| transfer.table().ok()) {
                     Some(table) => by_function(&field, &table),
@@ -70,15 +78,22 @@ impl Subject {
     /// Returns what is stated and has no effect, or is assumed, in words.
     pub(crate) fn remarks(&self) -> &[String] {
         match self {
-            Self::Grids(_) => &[],
-            Self::Scene { remarks, .. } => remarks,
+            Self::Grids { remarks, .. } | Self::Scene { remarks, .. } => remarks,
+        }
+    }
+
+    /// Returns what the colors of the transfer function are, where there is one and light is scattered.
+    pub(crate) fn colors(&self) -> Option<&Colors> {
+        match self {
+            Self::Grids { colors, .. } => colors.as_ref(),
+            Self::Scene { .. } => None,
         }
     }
 
     /// Returns the index-to-world map of the volume, if there is but one.
     pub(crate) fn lattice(&self) -> Option<DMat4> {
         match self {
-            Self::Grids(grids) => Some(grids.density_or_extinction().transform.matrix()),
+            Self::Grids { grids, .. } => Some(grids.density_or_extinction().transform.matrix()),
             Self::Scene { .. } => None,
         }
     }
@@ -140,9 +155,19 @@ impl PictureSettings {
             let scene = Scene { volumes, lights, environment, velocities, cameras: Vec::new() };
             return Ok((Subject::Scene { scene, moving, remarks }, None));
         }
-        let (grids, transfer) = self.grids(template, limits)?;
+        let (grids, function) = self.grids(template, limits)?;
         provenance.files(self.files())?;
-        Ok((Subject::Grids(grids), transfer))
+        let scattered = function.as_ref().filter(|_| self.scattering.on());
+        let colors = scattered.map(|function| Colors::of(function, &self.scattering)).transpose()?;
+        if colors.is_none() && self.scattering.tf_color.is_some() {
+            return Err(Error::invalid("⟨tf_color⟩: the pictures show no transfer function")
+                .at(&self.input)
+                .hint("give ⟨tf⟩, or leave ⟨tf_color⟩ out"));
+        }
+        let unused = function.as_ref().is_some_and(|function| function.albedo.is_some()) && !self.scattering.on();
+        let unused = unused.then(|| "the albedo of the transfer function has no effect without ⟨albedo⟩".to_owned());
+        let remarks = colors.as_ref().and_then(Colors::remark).or(unused).into_iter().collect();
+        Ok((Subject::Grids { grids, colors, remarks }, function.map(|function| function.transfer)))
     }
 
     /// Returns the files that pictures of one volume are made from, beside those of the cameras.
@@ -174,19 +199,20 @@ impl PictureSettings {
     }
 
     /// Reads the volume's grids, and returns them with the transfer function that the pictures will show.
-    fn grids(&self, template: Option<&Capture>, limits: Limits) -> Result<(Grids, Option<Transfer>)> {
+    fn grids(&self, template: Option<&Capture>, limits: Limits) -> Result<(Grids, Option<Function>)> {
         if self.model.or(template.map(|c| c.model)) == Some(Model::PreShaded) && self.transfer.tf.is_none() {
             return Ok((volume::read_pre_shaded(&self.input, self.grid.as_deref(), limits)?, None));
         }
-        let (grid, loaded) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
-        let transfer = self.transfer(loaded, template);
-        let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
-        Ok((Grids::Density(field), transfer))
+        let (grid, loaded) = volume::read_with_function(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
+        let function = self.function(loaded, template);
+        let transfer = function.as_ref().map(|function| &function.transfer);
+        let field = volume::arrange(&grid, transfer, limits).map_err(|e| e.at(&self.input))?;
+        Ok((Grids::Density(field), function))
     }
 
     /// Chooses the transfer function that the pictures will show: `loaded` if it is that of `tf`, else that of
     /// `cameras`, else the one that the grid carries, which is `loaded` then; none for other models.
-    fn transfer(&self, loaded: Option<Transfer>, template: Option<&Capture>) -> Option<Transfer> {
+    fn function(&self, loaded: Option<Function>, template: Option<&Capture>) -> Option<Function> {
         if self.transfer.tf.is_some() {
             return loaded;
         }
@@ -195,7 +221,7 @@ impl PictureSettings {
         match template {
             _ if other => None,
             Some(capture) if self.model.is_none() || emits(capture.model) => {
-                capture.transfer.clone().filter(|_| emits(capture.model))
+                capture.transfer.clone().filter(|_| emits(capture.model)).map(Function::from)
             }
             _ => loaded,
         }
@@ -204,20 +230,23 @@ impl PictureSettings {
     /// Returns the scene that the pictures will show.
     pub(in crate::app) fn scene(&self, capture: &Capture, subject: Subject) -> Result<Scene> {
         let cameras = capture.frames.iter().map(|frame| frame.camera).collect();
-        let field = match subject {
+        let (field, colors) = match subject {
             Subject::Scene { scene, .. } => return Ok(Scene { cameras, ..scene }),
-            Subject::Grids(grids) if !self.scattering.on() => return Scene::shown_by(capture, grids),
-            Subject::Grids(Grids::Density(field)) => field,
-            Subject::Grids(Grids::EmissionExtinction(_)) => {
+            Subject::Grids { grids, .. } if !self.scattering.on() => return Scene::shown_by(capture, grids),
+            Subject::Grids { grids: Grids::Density(field), colors, .. } => (field, colors),
+            Subject::Grids { grids: Grids::EmissionExtinction(_), .. } => {
                 return Err(Error::unsupported("a pre-shaded volume has no albedo").hint("render it without ⟨albedo⟩"));
             }
         };
-        let source = match (&capture.transfer, self.emission, capture.emission_model) {
-            (Some(transfer), ..) => Source::Transfer(Arc::new(transfer.table()?)),
-            (None, Some(color), EmissionModel::Linear) => Source::Linear(color),
-            (None, color, _) => Source::Grey(color.unwrap_or_default()),
+        let source = match (self.emission, capture.emission_model) {
+            (Some(color), EmissionModel::Linear) => Source::Linear(color),
+            (color, _) => Source::Grey(color.unwrap_or_default()),
         };
         let medium = Medium::new(capture.density_scale, source).chromatic(self.scattering.extinction_color())?;
+        let medium = match (&capture.transfer, colors) {
+            (Some(transfer), Some(Colors { color, own, .. })) => medium.with_function(transfer.table()?, own, color)?,
+            _ => medium,
+        };
         let medium = Medium { scattering: self.scattering.scattering(), ..medium };
         let scene = Scene { volumes: vec![Volume::Density(field, medium)], cameras, ..Scene::default() };
         self.scattering.light(scene, self.limits)

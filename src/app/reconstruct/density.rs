@@ -297,7 +297,7 @@ impl DensitySettings {
         drop(field);
 
         if let Some(transfer) = transfer_of(&work.input.capture) {
-            grid.metadata.insert(transfer::METADATA_KEY.into(), transfer::to_metadata(transfer));
+            grid.metadata.insert(transfer::METADATA_KEY.into(), transfer::to_metadata(&transfer.clone().into()));
         }
         let grids: Vec<&Grid> = std::iter::once(&grid).chain(&confidence).collect();
         work.write(|metadata| write_grids(&self.output, &grids, metadata, Codec::default(), false))?;

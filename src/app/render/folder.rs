@@ -133,7 +133,8 @@ impl Sequence<'_> {
         let mut extra = Map::new();
         extra.insert("provenance".into(), json!(provenance));
         extra.extend(shot.plan.iter().map(|plan| ("plan".to_owned(), json!(plan))));
-        extra.extend(shot.paths.then(|| ("scattering".to_owned(), self.pictures.scattering.record())));
+        let record = || self.pictures.scattering.record(shot.colors.as_ref());
+        extra.extend(shot.paths.then(|| ("scattering".to_owned(), record())));
         transforms::save_for(&json, &json, &self.pictures.recorded_as(&capture, &mut extra), &extra)?;
         Ok(shot.scales.clone())
     }

@@ -384,6 +384,7 @@ impl Sequence<'_> {
         self.render.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
         let scales = DensityScales::of(&subject, capture.density_scale);
+        let colors = subject.colors().cloned();
         let mut scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         if let Some(name) = &self.render.velocity {
             let (file, fps) = (File::open(&pictures.input, limits)?, self.render.fps);
@@ -391,7 +392,7 @@ impl Sequence<'_> {
         }
         let (scene, plan) = self.render.planned(&pictures, scene, paths, context)?;
         plan.iter().for_each(|plan| context.detail(Chosen(plan)));
-        Ok(Shot { capture, scales, scene, plan, provenance, paths, moving })
+        Ok(Shot { capture, scales, scene, colors, plan, provenance, paths, moving })
     }
 
     pub(super) fn camera(&self, place: usize) -> Camera {

@@ -6,6 +6,7 @@ use super::target::Target;
 use super::visibility::Visibility;
 use crate::app::pictures::PictureSettings;
 use crate::app::pictures::scales::DensityScales;
+use crate::app::pictures::scattering::Colors;
 use crate::app::provenance::Provenance;
 use crate::app::up::ChosenUp;
 use crate::cancel::Cancel;
@@ -25,6 +26,8 @@ pub(super) struct Shot {
     pub capture: Capture,
     pub scales: DensityScales,
     pub scene: Scene,
+    /// What the colors of the transfer function are.
+    pub colors: Option<Colors>,
     pub plan: Option<Plan>,
     pub provenance: Provenance,
     /// True if paths were asked for.

@@ -10,7 +10,7 @@ use crate::app::earlier::{self, Earlier, Keys, Policy};
 use crate::app::pictures::Cameras;
 use crate::app::pictures::renderer::{Chosen, LeftOut, SceneRenderer};
 use crate::app::pictures::scales::DensityScales;
-use crate::app::pictures::scattering::{Paths, ScatteringSettings};
+use crate::app::pictures::scattering::{Colors, Paths};
 use crate::app::pictures::subject::Subject;
 use crate::app::provenance::Provenance;
 use crate::app::up::ChosenUp;
@@ -104,12 +104,12 @@ impl Integration {
     }
 
     /// Adds what a capture records of how its pictures were made.
-    fn record(&self, scattering: Option<&ScatteringSettings>, extra: &mut Map<String, Value>) {
+    fn record(&self, scattering: Option<Value>, extra: &mut Map<String, Value>) {
         if let Self::Dvr { quadrature, early_stop, .. } = self {
             extra.insert("quadrature".into(), json!(quadrature));
             extra.insert("early_stop".into(), json!(early_stop));
         }
-        extra.extend(scattering.map(|scattering| ("scattering".to_owned(), scattering.record())));
+        extra.extend(scattering.map(|scattering| ("scattering".to_owned(), scattering)));
     }
 }
 
@@ -171,6 +171,8 @@ struct Views<'v> {
     scales: DensityScales,
     up: Option<ChosenUp>,
     remarks: Vec<String>,
+    /// What the colors of the transfer function are.
+    colors: Option<Colors>,
     provenance: Provenance,
     /// True if paths were asked for.
     paths: bool,
@@ -228,8 +230,21 @@ impl RenderSettings {
         pictures.scattering.check(paths)?;
         let whole = pictures.whole(target, template.as_ref().and_then(|c| c.frames.get(numbers[0])));
         let scales = DensityScales::of(&subject, capture.density_scale);
-        let views =
-            Views { settings: self, target, numbers, whole, capture, scales, up, remarks, provenance, paths, cancel };
+        let colors = subject.colors().cloned();
+        let views = Views {
+            settings: self,
+            target,
+            numbers,
+            whole,
+            capture,
+            scales,
+            up,
+            remarks,
+            colors,
+            provenance,
+            paths,
+            cancel,
+        };
         Ok((views, subject))
     }
 
@@ -310,7 +325,7 @@ impl Views<'_> {
         let way = settings.integration(&renderer, (counts, &errors, bound));
         if let Some((waiting, json)) = &waiting_json {
             let mut extra = record(&self.provenance, plan.as_ref());
-            way.record(paths.then_some(&pictures.scattering), &mut extra);
+            way.record(paths.then(|| pictures.scattering.record(self.colors.as_ref())), &mut extra);
             transforms::save_for(json, waiting, &pictures.recorded_as(&self.capture, &mut extra), &extra)?;
         }
         // Another run may have ended in the folder meanwhile.

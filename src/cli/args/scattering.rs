@@ -3,6 +3,8 @@
 use super::read_as;
 use crate::app::pictures::scattering::{ScatteringSettings, Sky};
 use crate::cli::parse;
+use crate::cli::values::choice;
+use crate::scene::albedo::TransferColor;
 use glam::DVec3;
 use std::str::FromStr;
 
@@ -30,6 +32,10 @@ struct ScatteringArgs {
         conflicts_with_all = ["model", "quadrature", "early_stop", "supersample"],
     )]
     albedo: Option<[f32; 3]>,
+    /// Whether the colors of a transfer function are the radiance that the medium emits, its albedo (times --albedo), or
+    /// both (default: albedo if all of them lie within 0 to 1, else emission; both if the function states an albedo)
+    #[arg(long, value_name = "MEANING", value_parser = choice::<TransferColor>(), requires = "albedo")]
+    tf_color: Option<TransferColor>,
     /// Mean cosine of the scattering angle (Henyey-Greenstein), -0.999 to 0.999 (default: that of a stage, else 0)
     #[arg(long, value_name = "G", value_parser = parse::number, requires = "albedo", allow_negative_numbers = true)]
     anisotropy: Option<f64>,
@@ -71,6 +77,7 @@ impl From<ScatteringArgs> for ScatteringSettings {
     fn from(args: ScatteringArgs) -> Self {
         Self {
             albedo: args.albedo,
+            tf_color: args.tf_color,
             anisotropy: args.anisotropy,
             gradient_shading: args.gradient_shading,
             extinction_color: args.extinction_color,

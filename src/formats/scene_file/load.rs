@@ -5,8 +5,10 @@ use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::formats::sequence::Pattern;
+use crate::formats::transfer::{Function, Loaded};
 use crate::formats::vdb::{self, File};
 use crate::formats::{exr, input, transfer};
+use crate::scene::albedo::TransferColor;
 use crate::scene::emission::Emission;
 use crate::scene::environment::{Environment, EnvironmentMap};
 use crate::scene::grid::Grid;
@@ -105,10 +107,11 @@ pub(crate) fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Re
         let mut grid = opened.read_fog(entry.grid.as_deref())?;
         let load = |tf: &PathBuf| {
             let options = transfer::Options { limits, ..transfer::Options::default() };
-            transfer::load(&folder.join(tf), &options).map(|loaded| loaded.transfer)
+            transfer::load(&folder.join(tf), &options).map(Loaded::function)
         };
-        let transfer = entry.medium.transfer.as_ref().map(load).transpose()?;
-        let medium = medium(&entry.medium, transfer.as_ref()).map_err(&named)?;
+        let function = entry.medium.transfer.as_ref().map(load).transpose()?;
+        let medium = medium(&entry.medium, function.as_ref()).map_err(&named)?;
+        let transfer = function.map(|function| function.transfer);
         let emission = |(name, emission): (&str, Emission)| {
             let emission = emission.checked().map_err(&named)?;
             Ok((emitting(&opened, name, &grid)?, emission))
@@ -191,19 +194,27 @@ pub(crate) fn environment_map(path: &Path, factor: [f32; 3], limits: Limits) -> 
 ///
 /// # Errors
 /// If a number cannot be used, or entries contradict each other.
-pub fn medium(entry: &MediumEntry, transfer: Option<&Transfer>) -> Result<Medium> {
-    if transfer.is_some() && entry.emissions().next().is_some() {
+pub fn medium(entry: &MediumEntry, function: Option<&Function>) -> Result<Medium> {
+    if function.is_some() && entry.emissions().next().is_some() {
         return Err(Error::unsupported("a medium with a transfer function emits by grids of its own")
             .hint("leave one of 'transfer', and 'emission_grid' and 'blackbody', out"));
     }
-    let source = match (transfer, entry.emission) {
-        (Some(_), Some(_)) => {
-            return Err(Error::invalid("'transfer' and 'emission' both tell the source's radiance")
-                .hint("leave 'emission' out: a transfer function has colors of its own"));
+    if function.is_some() && entry.emission.is_some() {
+        return Err(Error::invalid("'transfer' and 'emission' both tell the source's radiance")
+            .hint("leave 'emission' out: a transfer function has colors of its own"));
+    }
+    if function.is_none() && entry.tf_color.is_some() {
+        return Err(Error::invalid("'tf_color' tells what the colors of 'transfer' are, which is not stated")
+            .hint("leave 'tf_color' out, or state 'transfer'"));
+    }
+    let source = Source::Grey(entry.emission.unwrap_or_default());
+    let medium = Medium::new(entry.density_scale, source).chromatic(entry.extinction_color)?;
+    let medium = match function {
+        Some(Function { transfer, albedo }) => {
+            let usual = if albedo.is_some() { TransferColor::Both } else { TransferColor::Emission };
+            medium.with_function(transfer.table()?, albedo.clone(), entry.tf_color.unwrap_or(usual))?
         }
-        (Some(transfer), None) => Source::Transfer(Arc::new(transfer.table()?)),
-        (None, color) => Source::Grey(color.unwrap_or_default()),
+        None => medium,
     };
-    let scattering = Some(entry.scattering());
-    Medium { scattering, ..Medium::new(entry.density_scale, source).chromatic(entry.extinction_color)? }.checked()
+    Medium { scattering: Some(entry.scattering()), ..medium }.checked()
 }

@@ -18,6 +18,7 @@ pub(crate) use load::{SceneVolume, environment_map, load_within};
 
 use crate::error::Result;
 use crate::math::Affine;
+use crate::scene::albedo::TransferColor;
 use crate::scene::emission::Emission;
 use crate::scene::light::Light;
 use crate::scene::medium::Scattering;
@@ -126,6 +127,9 @@ pub struct MediumEntry {
     pub emission: Option<[f32; 3]>,
     /// Transfer function from density to extinction and source radiance, found from the folder of the scene.
     pub transfer: Option<PathBuf>,
+    /// What the colors of the transfer function are; emission unless stated, and both where the function states an
+    /// albedo of its own.
+    pub tf_color: Option<TransferColor>,
     /// Emission by a grid of its own, whatever the density.
     pub emission_grid: Option<EmissionGridEntry>,
     /// Emission by a grid of temperatures, whatever the density.
@@ -175,6 +179,7 @@ impl Default for MediumEntry {
             extinction_color: white(),
             emission: None,
             transfer: None,
+            tf_color: None,
             emission_grid: None,
             blackbody: None,
         }

@@ -1,21 +1,24 @@
 //! Cumulo's JSON format of transfer functions, read and written.
 
-use super::{Loaded, Options, Source, entry_index, refuse_opacity_options};
+use super::{Function, Loaded, Options, Source, entry_index, refuse_opacity_options};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{atomic, input};
+use crate::scene::albedo::AlbedoFunction;
 use crate::scene::transfer::Transfer;
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use serde_json::value::RawValue;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Value of the key `format`.
 pub const FORMAT: &str = "cumulo-transfer-function";
-/// Value of the key `version`; other versions are refused.
-pub(crate) const VERSION: u32 = 1;
+/// Values of the key `version`, of functions without an albedo of their own and of those with one; other versions are
+/// refused.
+const VERSIONS: [u32; 2] = [1, 2];
 
 /// Advice on the entries of a transfer function.
 pub(super) const ENTRIES: &str =
@@ -32,7 +35,26 @@ struct Document<'a> {
     name: Option<&'a str>,
     transfer: &'a Transfer,
     #[serde(skip_serializing_if = "Option::is_none")]
+    albedo: Option<Points>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     provenance: Option<&'a Value>,
+}
+
+/// Albedo of a document.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Points {
+    /// Density, then red, green and blue.
+    points: Vec<[f64; 4]>,
+}
+
+impl<'a> Document<'a> {
+    /// Returns the document of a function without name and provenance.
+    fn of(transfer: &'a Transfer, albedo: Option<&AlbedoFunction>) -> Self {
+        let version = VERSIONS[usize::from(albedo.is_some())];
+        let albedo = albedo.map(|albedo| Points { points: albedo.points() });
+        Self { format: FORMAT, version, name: None, transfer, albedo, provenance: None }
+    }
 }
 
 /// Writes a `.tf.json` from which [`load`](super::load()) returns the same bits.
@@ -40,8 +62,21 @@ struct Document<'a> {
 /// # Errors
 /// If the function cannot be used, or the file cannot be written.
 pub fn save(path: &Path, transfer: &Transfer, name: Option<&str>, provenance: Option<&Value>) -> Result<()> {
+    save_function(path, (transfer, None), name, provenance)
+}
+
+/// Writes a `.tf.json` as [`save`] does, with the albedo of the function if it has one of its own.
+///
+/// # Errors
+/// As of [`save`].
+pub fn save_function(
+    path: &Path,
+    (transfer, albedo): (&Transfer, Option<&AlbedoFunction>),
+    name: Option<&str>,
+    provenance: Option<&Value>,
+) -> Result<()> {
     transfer.clone().checked().map_err(|e| e.at(path).hint(ENTRIES))?;
-    let document = Document { format: FORMAT, version: VERSION, name, transfer, provenance };
+    let document = Document { name, provenance, ..Document::of(transfer, albedo) };
     let mut text = serde_json::to_string_pretty(&document)
         .map_err(|e| Error::invalid(format!("no JSON can be made of it: {e}")).at(path).hint("report this as a bug"))?;
     text.push('\n');
@@ -49,8 +84,8 @@ pub fn save(path: &Path, transfer: &Transfer, name: Option<&str>, provenance: Op
 }
 
 /// Document of a transfer function on one line, without name and provenance.
-pub(super) fn compact(transfer: &Transfer) -> String {
-    let document = Document { format: FORMAT, version: VERSION, name: None, transfer, provenance: None };
+pub(super) fn compact(Function { transfer, albedo }: &Function) -> String {
+    let document = Document::of(transfer, albedo.as_deref());
     // A document of numbers and fixed keys can always be written.
     serde_json::to_string(&document).unwrap_or_default()
 }
@@ -94,7 +129,7 @@ pub(super) fn is_ours(object: &Object) -> bool {
 
 pub(super) fn load(object: &Object, options: &Options) -> Result<Loaded> {
     refuse_opacity_options(options)?;
-    let transfer = transfer(object)?;
+    let Function { transfer, albedo } = function(object)?;
     let name: Option<String> = value(object, "name", "a text")?;
     let presets: Vec<String> = name.iter().cloned().collect();
     if options.preset.is_some() && presets.is_empty() {
@@ -102,11 +137,11 @@ pub(super) fn load(object: &Object, options: &Options) -> Result<Loaded> {
             .hint("leave the name out"));
     }
     entry_index(&presets, options.preset.as_deref())?;
-    Ok(Loaded { transfer, source: Source::Cumulo, name, presets, notes: Vec::new() })
+    Ok(Loaded { transfer, albedo, source: Source::Cumulo, name, presets, notes: Vec::new() })
 }
 
-/// Transfer function of a document, whose format and version must be [`FORMAT`] and [`VERSION`].
-pub(super) fn transfer(object: &Object) -> Result<Transfer> {
+/// Transfer function of a document, whose format and version must be [`FORMAT`] and one of [`VERSIONS`].
+pub(super) fn function(object: &Object) -> Result<Function> {
     let format: Option<Value> = value(object, "format", "a text")?;
     if format != Some(FORMAT.into()) {
         let found = format.map_or_else(|| "missing".to_owned(), |v| short(&v.to_string()));
@@ -115,12 +150,13 @@ pub(super) fn transfer(object: &Object) -> Result<Transfer> {
         )));
     }
     let version: Option<Value> = value(object, "version", "a whole number")?;
-    if version != Some(VERSION.into()) {
+    let [plain, with_albedo] = VERSIONS;
+    let Some(known) = VERSIONS.into_iter().find(|known| version == Some((*known).into())) else {
         let found = version.map_or_else(|| "missing".to_owned(), |v| short(&v.to_string()));
-        return Err(Error::unsupported(format!("'version' is {found}; {VERSION} is expected")).hint(format!(
-            "write the file again as version {VERSION}; a newer version of this program may read it as it is"
-        )));
-    }
+        return Err(Error::unsupported(format!("'version' is {found}; {plain} or {with_albedo} is expected")).hint(
+            format!("write the file again as version {plain}; a newer version of this program may read it as it is"),
+        ));
+    };
     let raw = object.get("transfer").ok_or_else(|| {
         Error::invalid("no key 'transfer'").hint("it holds the function: {\"kind\": \"piecewise\", \"points\": …}")
     })?;
@@ -130,7 +166,17 @@ pub(super) fn transfer(object: &Object) -> Result<Transfer> {
              (domain, color)",
         )
     })?;
-    transfer.checked().map_err(|e| e.part("'transfer'").hint(ENTRIES))
+    let transfer = transfer.checked().map_err(|e| e.part("'transfer'").hint(ENTRIES))?;
+    let albedo = if known == with_albedo { albedo(object)? } else { None };
+    Ok(Function { transfer, albedo })
+}
+
+/// Albedo of a document, if it states one.
+fn albedo(object: &Object) -> Result<Option<Arc<AlbedoFunction>>> {
+    let expected = "an object such as {\"points\": [[0, 0.8, 0.5, 0.4], [1, 0.9, 0.9, 0.9]]}";
+    let Some(Points { points }) = value(object, "albedo", expected)? else { return Ok(None) };
+    let advice = "densities must ascend (two alike make a step), and albedos lie between 0 and 1";
+    AlbedoFunction::new(&points).map(|albedo| Some(Arc::new(albedo))).map_err(|e| e.part("'albedo'").instead(advice))
 }
 
 /// Text shortened for an error message.

@@ -3,6 +3,8 @@
 //! Cumulo's format is `{"format": "cumulo-transfer-function", "version": 1, "name": …, "transfer": {"kind": …},
 //! "provenance": {…}}`, where `transfer` is a serialised [`Transfer`]: densities, scene-linear radiances of the source,
 //! extinction per world unit of length. `name` and `provenance` may be absent; other keys at the top are ignored.
+//! Version 2 may have `"albedo": {"points": [[density, r, g, b], …]}` beside `transfer`: the albedo in a medium that
+//! scatters light, from 0 to 1, linear between points of ascending density. Functions without one are version 1.
 //!
 //! ParaView's presets, in JSON (`RGBPoints`, `Points`, `ColorSpace`, `HSVWrap`, `Name`; one object or a list) and in
 //! XML (`ColorMaps`, `ColorMap`, `Point`), become points:
@@ -29,9 +31,9 @@ mod rescale;
 mod summary;
 
 pub(crate) use builtin::{Builtin, builtins, is_builtin};
-pub(crate) use carried::to_metadata;
 pub use carried::{METADATA_KEY, from_metadata};
-pub use document::{FORMAT, save};
+pub(crate) use carried::{function_from_metadata, to_metadata};
+pub use document::{FORMAT, save, save_function};
 pub(crate) use rescale::range;
 pub(crate) use summary::TransferSummary;
 
@@ -39,9 +41,11 @@ use crate::error::{Error, Result};
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::{input, registry};
+use crate::scene::albedo::{AlbedoFunction, TransferColor};
 use crate::scene::transfer::Transfer;
 use serde::Serialize;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Largest size of a file in bytes; a transfer function with the largest number of points takes less.
 const MAX_BYTES: u64 = 1 << 25;
@@ -77,11 +81,38 @@ pub enum Source {
     Builtin,
 }
 
+/// A transfer function with the albedo that goes with it, if it states one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Function {
+    /// Extinctions, and radiances of the source.
+    pub transfer: Transfer,
+    /// Albedo by density.
+    pub albedo: Option<Arc<AlbedoFunction>>,
+}
+
+impl From<Transfer> for Function {
+    fn from(transfer: Transfer) -> Self {
+        Self { transfer, albedo: None }
+    }
+}
+
+impl Function {
+    /// Returns what the colors are taken for unless it is stated.
+    ///
+    /// # Errors
+    /// The conditions are those of [`Transfer::table`].
+    pub fn usual_color(&self) -> Result<TransferColor> {
+        Ok(TransferColor::usual(&self.transfer.table()?, self.albedo.is_some()))
+    }
+}
+
 /// A transfer function read from a file, with its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Loaded {
     /// Transfer function, with every number checked.
     pub transfer: Transfer,
+    /// Albedo by density, if the file states one.
+    pub albedo: Option<Arc<AlbedoFunction>>,
     /// Kind of file that held the function.
     pub source: Source,
     /// Name of the function, if it has one; in a VDB that of the grid.
@@ -90,6 +121,13 @@ pub struct Loaded {
     pub presets: Vec<String>,
     /// Remarks for the user on assumptions that the file does not state.
     pub notes: Vec<String>,
+}
+
+impl Loaded {
+    /// Returns the function without its origin.
+    pub fn function(self) -> Function {
+        Function { transfer: self.transfer, albedo: self.albedo }
+    }
 }
 
 /// Reads a transfer function: a file, whose kind is detected by its content, or where there is no file of that name,
@@ -116,7 +154,9 @@ pub fn load(path: &Path, options: &Options) -> Result<Loaded> {
 /// Maps a function to the range of the options.
 fn in_range(loaded: Loaded, options: &Options) -> Result<Loaded> {
     let Some(range) = options.range else { return Ok(loaded) };
-    Ok(Loaded { transfer: rescale::to_range(&loaded.transfer, range)?, ..loaded })
+    let moved = |albedo: &Arc<AlbedoFunction>| rescale::albedo_to_range(albedo, &loaded.transfer, range).map(Arc::new);
+    let albedo = loaded.albedo.as_ref().map(moved).transpose()?;
+    Ok(Loaded { transfer: rescale::to_range(&loaded.transfer, range)?, albedo, ..loaded })
 }
 
 /// Returns the path if a function is read from a file there; `None` if it names one of `builtins`.

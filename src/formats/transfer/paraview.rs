@@ -44,7 +44,7 @@ pub(super) fn loaded(
     let name = names.get(index).cloned();
     let part = |e: Error| e.part(format!("preset '{}'", name.as_deref().unwrap_or_default()));
     let (transfer, notes) = preset.transfer(options).map_err(part)?;
-    Ok(Loaded { transfer, source, name, presets: names, notes })
+    Ok(Loaded { transfer, albedo: None, source, name, presets: names, notes })
 }
 
 impl Preset {

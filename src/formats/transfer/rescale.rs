@@ -1,6 +1,7 @@
 //! Rescaling of a transfer function to another range of densities.
 
 use crate::error::{Error, Result};
+use crate::scene::albedo::AlbedoFunction;
 use crate::scene::transfer::{Lobe, Transfer};
 
 /// Range of densities of a function: its domain, or the densities of its first and last point.
@@ -13,13 +14,24 @@ pub(crate) fn range(transfer: &Transfer) -> [f64; 2] {
     }
 }
 
-/// Maps the densities of a function linearly so that its ends become `low` and `high`. Extinctions are unchanged; an
-/// identity, whose extinctions are the densities, therefore becomes points.
+/// Maps the densities of an albedo as [`to_range`] does those of the function that it goes with.
 ///
 /// # Errors
-/// If one of the ranges does not ascend, or is too narrow to tell the function's densities apart.
-pub(super) fn to_range(transfer: &Transfer, to: [f64; 2]) -> Result<Transfer> {
-    let [from, [low, high]] = [range(transfer), to];
+/// As of [`to_range`].
+pub(super) fn albedo_to_range(albedo: &AlbedoFunction, transfer: &Transfer, to: [f64; 2]) -> Result<AlbedoFunction> {
+    let map = map(range(transfer), to)?;
+    let mut last = f64::NEG_INFINITY;
+    let moved = |[density, r, g, b]: [f64; 4]| {
+        // Rounding must not swap neighbours.
+        last = map(density).max(last);
+        [last, r, g, b]
+    };
+    AlbedoFunction::new(&albedo.points().into_iter().map(moved).collect::<Vec<_>>())
+        .map_err(|e| e.hint("give a range that can tell the densities of the albedo apart"))
+}
+
+/// Returns the linear map of one range of densities to another.
+fn map(from: [f64; 2], [low, high]: [f64; 2]) -> Result<impl Fn(f64) -> f64> {
     let width = from[1] - from[0];
     if !(low < high && (high - low).is_finite()) {
         return Err(Error::invalid(format!("range {low}..{high} must ascend"))
@@ -33,10 +45,21 @@ pub(super) fn to_range(transfer: &Transfer, to: [f64; 2]) -> Result<Transfer> {
         .hint("leave the range out, or give the function a second density"));
     }
     // Both ends are met exactly.
-    let map = |d: f64| {
+    Ok(move |d: f64| {
         let f = (d - from[0]) / width;
         (1.0 - f) * low + f * high
-    };
+    })
+}
+
+/// Maps the densities of a function linearly so that its ends become `low` and `high`. Extinctions are unchanged; an
+/// identity, whose extinctions are the densities, therefore becomes points.
+///
+/// # Errors
+/// If one of the ranges does not ascend, or is too narrow to tell the function's densities apart.
+pub(super) fn to_range(transfer: &Transfer, to: [f64; 2]) -> Result<Transfer> {
+    let [from, [low, high]] = [range(transfer), to];
+    let width = from[1] - from[0];
+    let map = map(from, to)?;
     let scaled = match transfer {
         Transfer::Texture { texels, .. } => Transfer::Texture { domain: to, texels: texels.clone() },
         Transfer::Piecewise { points } => {
@@ -89,6 +112,14 @@ mod tests {
                 assert!((0..4).all(|c| (x[c] - y[c]).abs() < 1e-12), "{t:?} {f}: {x:?} {y:?}");
             }
         }
+    }
+
+    #[test]
+    fn albedos_move_with_their_function() {
+        let t = Transfer::Piecewise { points: vec![[1.0; 5], [3.0; 5]] };
+        let albedo = AlbedoFunction::new(&[[0.0, 0.5, 0.5, 0.5], [2.0, 1.0, 0.0, 0.0], [3.0, 0.0, 0.0, 0.0]]);
+        let moved = albedo_to_range(&albedo.unwrap(), &t, [0.0, 1.0]).unwrap();
+        assert_eq!(moved.points().iter().map(|p| p[0]).collect::<Vec<_>>(), [-0.5, 0.5, 1.0]);
     }
 
     #[test]

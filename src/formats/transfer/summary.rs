@@ -1,5 +1,6 @@
 //! Summary of a transfer function, for `transfer` and `info`.
 
+use super::Function;
 use super::rescale::range;
 use crate::error::Result;
 use crate::scene::transfer::Transfer;
@@ -23,6 +24,19 @@ pub(crate) struct TransferSummary {
     pub peak_color: [f64; 3],
     /// True if density 0 absorbs nothing, so that empty space can be skipped.
     pub empty_at_zero: bool,
+    /// Albedo that the function states beside its colors.
+    pub albedo: Option<AlbedoSummary>,
+}
+
+/// Summary of the albedo of a function.
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
+pub(crate) struct AlbedoSummary {
+    /// Number of points.
+    pub points: usize,
+    /// Least albedo over all densities, by color channel.
+    pub least: [f64; 3],
+    /// Greatest albedo over all densities, by color channel.
+    pub most: [f64; 3],
 }
 
 impl TransferSummary {
@@ -30,7 +44,7 @@ impl TransferSummary {
     ///
     /// # Errors
     /// The conditions are those of [`Transfer::table`].
-    pub(crate) fn of(transfer: &Transfer) -> Result<Self> {
+    pub(crate) fn of(Function { transfer, albedo }: &Function) -> Result<Self> {
         let (kind, entries, parameters) = match transfer {
             Transfer::Texture { texels, .. } => ("texture", texels.len(), 4 * texels.len()),
             Transfer::Piecewise { points } => ("piecewise", points.len(), 5 * points.len()),
@@ -47,6 +61,10 @@ impl TransferSummary {
             peak_extinction,
             peak_color: [r, g, b],
             empty_at_zero: table.at(0.0)[3] == 0.0,
+            albedo: albedo.as_ref().map(|albedo| {
+                let [least, most] = albedo.bounds();
+                AlbedoSummary { points: albedo.points().len(), least, most }
+            }),
         })
     }
 }
@@ -70,7 +88,13 @@ impl fmt::Display for TransferSummary {
             if self.entries == 1 { one } else { many },
             self.parameters,
             self.peak_extinction
-        )
+        )?;
+        if let Some(AlbedoSummary { points, least, most }) = &self.albedo {
+            let s = if *points == 1 { "" } else { "s" };
+            let [low, high] = [least, most].map(|[r, g, b]| format!("{r} {g} {b}"));
+            write!(f, ", albedo of {points} point{s}, {low} to {high}")?;
+        }
+        Ok(())
     }
 }
 
@@ -88,7 +112,7 @@ mod tests {
             Transfer::Gaussians { domain: [0.0, 1.0], lobes: vec![Lobe { mean: 0.5, ln_width: -2.0, rgbs: [1.0; 4] }] },
             Transfer::Identity { domain: [0.0, 1.0], color: [1.0; 3] },
         ] {
-            let s = TransferSummary::of(&t).unwrap();
+            let s = TransferSummary::of(&t.clone().into()).unwrap();
             assert_eq!(s.parameters, t.parameters().len(), "{s}");
             assert_eq!(s.range, [0.0, 1.0]);
         }

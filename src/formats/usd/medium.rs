@@ -1,7 +1,7 @@
 //! Media of volumes: Cumulo's own attributes, or shaders that are understood.
 //!
 //! Attributes in the namespace `cumulo` of a volume's prim state its medium: `densityScale`, `albedo`, `anisotropy`,
-//! `extinctionColor`, `emission` and `transfer` are those of scene files. `emissionRadiance` makes the flame field
+//! `extinctionColor`, `emission`, `transfer` and `transferColor` are those of scene files. `emissionRadiance` makes the flame field
 //! emit, `blackbodyKelvin`, `blackbodyIntensity` and `blackbodyTint` the temperature field. Lengths are in units of the
 //! stage.
 
@@ -11,6 +11,7 @@ use super::value::{Asset, Value};
 use crate::error::{Error, Result};
 use crate::formats::scene_file::{BlackbodyEntry, EmissionGridEntry, MediumEntry};
 use crate::formats::transfer;
+use crate::scene::albedo::TransferColor;
 use std::path::PathBuf;
 
 /// Medium of a volume.
@@ -44,6 +45,8 @@ pub struct Overrides {
 pub struct ScatteringOverride {
     /// Share of the extinction that is scattered.
     pub albedo: [f32; 3],
+    /// What the colors of a transfer function are.
+    pub tf_color: Option<TransferColor>,
     /// Mean cosine of the angle by which scattered light turns.
     pub anisotropy: Option<f64>,
     /// Change of the density per length at which half of the scattering is that of a surface.
@@ -62,17 +65,22 @@ impl Overrides {
     fn apply(&self, medium: &mut StatedMedium) {
         let entry = &mut medium.entry;
         entry.density_scale = self.density_scale.unwrap_or(entry.density_scale);
-        if let Some(ScatteringOverride { albedo, anisotropy, gradient_shading, extinction_color }) = self.scattering {
+        if let Some(ScatteringOverride { albedo, tf_color, anisotropy, gradient_shading, extinction_color }) =
+            self.scattering
+        {
             entry.albedo = albedo;
+            entry.tf_color = tf_color.filter(|_| medium.transfer.is_some()).or(entry.tf_color);
             entry.anisotropy = anisotropy.unwrap_or(entry.anisotropy);
             entry.gradient_shading = gradient_shading.or(entry.gradient_shading);
             entry.extinction_color = extinction_color.unwrap_or(entry.extinction_color);
         }
         if self.emission.is_some() {
-            (entry.emission, medium.transfer) = (self.emission, None);
+            (entry.emission, entry.tf_color, medium.transfer) = (self.emission, None, None);
         }
         if let Some(transfer) = &self.transfer {
             (entry.transfer, entry.emission, medium.transfer) = (Some(transfer.clone()), None, None);
+            // What the stage says of its own function says nothing of another.
+            entry.tf_color = self.scattering.and_then(|scattering| scattering.tf_color);
         }
     }
 }
@@ -144,6 +152,10 @@ fn own(volume: &Prim, time: f64) -> Result<StatedMedium> {
     let transfer = own_value(volume, "transfer", time, "the path of a file such as @./fire.json@", |value| {
         value.asset().cloned()
     })?;
+    let meaning = "one of emission, albedo and both";
+    entry.tf_color = own_value(volume, "transferColor", time, meaning, |value| {
+        TransferColor::ALL.into_iter().find(|color| value.text() == Some(color.name()))
+    })?;
     let known = [
         "model",
         "densityScale",
@@ -153,6 +165,7 @@ fn own(volume: &Prim, time: f64) -> Result<StatedMedium> {
         "gradientShading",
         "emission",
         "transfer",
+        "transferColor",
         "emissionRadiance",
         "blackbodyKelvin",
         "blackbodyIntensity",

@@ -10,12 +10,11 @@ use super::volume::{Field, Role};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::{self, LoadedScene, MediumEntry, SceneVolume};
-use crate::formats::transfer;
+use crate::formats::transfer::{self, Function, Loaded};
 use crate::formats::vdb::{self, File};
 use crate::math::Affine;
 use crate::scene::emission::Emission;
 use crate::scene::grid::Grid;
-use crate::scene::transfer::Transfer;
 use crate::scene::velocity::Velocity;
 use glam::{DMat4, Vec3};
 use std::path::{Path, PathBuf};
@@ -46,6 +45,12 @@ pub fn load(stage: &Stage, time: f64, limits: Limits, overrides: &Overrides) -> 
         return Err(Error::invalid(what)
             .at(&stage.path)
             .hint("export a volume with the stage, or give the VDB itself; `cumulo info` lists what a stage holds"));
+    }
+    let means = overrides.scattering.is_some_and(|scattering| scattering.tf_color.is_some());
+    if means && scene.volumes.iter().all(|volume| volume.transfer.is_none()) {
+        return Err(Error::invalid("⟨tf_color⟩: no volume of the stage has a transfer function")
+            .at(&stage.path)
+            .hint("give ⟨tf⟩, or leave ⟨tf_color⟩ out"));
     }
     let light::Lights { lights, environment, files, remarks } = light::lights(stage, time, limits)?;
     scene.files.extend(files);
@@ -122,12 +127,12 @@ impl Reader<'_> {
         let fields = self.stage.fields(self.prim, self.time);
         let map = self.stage.local_to_world(self.prim, self.time)?;
         let density = self.density(&fields).map_err(blame)?;
-        let StatedMedium { entry, transfer, remarks } =
+        let StatedMedium { mut entry, transfer, remarks } =
             medium::medium(self.stage, self.prim, self.time, overrides).map_err(blame)?;
         scene.remarks.extend(remarks.into_iter().map(|what| format!("volume {}: {what}", self.prim.path)));
         let (path, mut grid) = self.grid(density, scene)?;
         place(&mut grid, map).map_err(blame)?;
-        let transfer = match (&transfer, &entry.transfer) {
+        let function = match (&transfer, &entry.transfer) {
             (Some(asset), _) => {
                 record(asset, scene);
                 Some(self.stage.read(asset, |file| self.transfer(file, transfer::Options::default()))?)
@@ -135,11 +140,23 @@ impl Reader<'_> {
             // What the options state is read as they say.
             (None, Some(file)) => {
                 scene.files.extend(transfer::file(file).map(Path::to_path_buf));
-                Some(self.transfer(file, overrides.transfer_options.clone())?)
+                let function = self.transfer(file, overrides.transfer_options.clone())?;
+                if entry.albedo != [0.0; 3] && entry.tf_color.is_none() {
+                    let color = function.usual_color().map_err(blame)?;
+                    scene.remarks.push(format!(
+                        "volume {}: the meaning of the transfer function's colors is ⟨tf_color={}⟩ unless another is \
+                         stated",
+                        self.prim.path,
+                        color.name()
+                    ));
+                    entry.tf_color = Some(color);
+                }
+                Some(function)
             }
             (None, None) => None,
         };
-        let optics = scene_file::medium(&entry, transfer.as_ref()).map_err(blame)?;
+        let optics = scene_file::medium(&entry, function.as_ref()).map_err(blame)?;
+        let transfer = function.map(|function| function.transfer);
         let emissions = self.emissions(&entry, &fields, (&grid, map), scene)?;
         let velocity = playing(&fields, Role::Velocity)
             .and_then(|field| self.velocity(field, map, scene).transpose())
@@ -215,9 +232,9 @@ impl Reader<'_> {
         Ok((field.file.as_ref().map_or_else(PathBuf::new, |asset| self.stage.display_path(asset)), grid))
     }
 
-    fn transfer(&self, file: &Path, options: transfer::Options) -> Result<Transfer> {
+    fn transfer(&self, file: &Path, options: transfer::Options) -> Result<Function> {
         let options = transfer::Options { limits: self.limits, ..options };
-        transfer::load(file, &options).map(|loaded| loaded.transfer)
+        transfer::load(file, &options).map(Loaded::function)
     }
 
     /// Reads the fields that emit, on the lattice of the density.

@@ -5,9 +5,9 @@
 //! for all channels by the balance heuristic (spectral multiple importance sampling; Wilkie et al. 2014). The weights
 //! of the channels then keep their sum (Kutz et al. 2017).
 
-use super::optics::Any;
+use super::optics::DensityMedium;
 use super::phase::{Mixed, Shaded};
-use super::tracking::{Collision, EXACT_DEPTH, LEAST_TRANSMITTANCE, Media, One, Visible, any, joined};
+use super::tracking::{Collision, EXACT_DEPTH, LEAST_TRANSMITTANCE, Media, One, Visible, joined};
 use super::{Primary, Scratch};
 use crate::error::Result;
 use crate::math::Ray;
@@ -17,23 +17,26 @@ use crate::scene::medium::Medium;
 use glam::{DVec3, Vec3};
 
 /// Volumes of which at least one is chromatic; their extinctions add.
-pub(super) struct Chromatic<'a>(Vec<Colored<'a>>);
+pub(super) struct Chromatic<'a, O>(Vec<Colored<'a, O>>);
 
 /// A volume with its extinction by channel, as a share of the largest.
-struct Colored<'a> {
-    volume: One<'a, Any, Shaded>,
+struct Colored<'a, O> {
+    volume: One<'a, O, Shaded>,
     color: DVec3,
 }
 
-impl<'a> Chromatic<'a> {
-    /// Creates the kernel of these volumes.
+impl<'a, O: DensityMedium> Chromatic<'a, O> {
+    /// Creates the kernel of these volumes, each as `prepared`.
     ///
     /// # Errors
     /// If a medium cannot be used.
-    pub(crate) fn new(volumes: &[(&'a Bricks<f32>, &Medium)]) -> Result<Self> {
+    pub(crate) fn new(
+        volumes: &[(&'a Bricks<f32>, &Medium)],
+        prepared: impl Fn(&'a Bricks<f32>, &Medium) -> Result<One<'a, O, Shaded>>,
+    ) -> Result<Self> {
         let colored = |(field, medium): &(&'a Bricks<f32>, &Medium)| {
             let color = Vec3::from_array(medium.color).as_dvec3();
-            let mut volume = any(field, medium)?;
+            let mut volume = prepared(field, medium)?;
             // Where the densest channel is dark, the others may not be.
             volume.dvr = volume.dvr.early_stop(LEAST_TRANSMITTANCE.powf(1.0 / color.min_element()));
             Ok(Colored { volume, color })
@@ -43,7 +46,7 @@ impl<'a> Chromatic<'a> {
 
     /// Returns the optical depth of the first `length` of a ray by channel.
     fn depths(&self, ray: &Ray, length: f64, scratch: &mut Scratch) -> DVec3 {
-        let depth = |one: &Colored<'_>| {
+        let depth = |one: &Colored<'_, O>| {
             one.color * one.volume.dvr.optical_depth_within(ray, length, f64::INFINITY, &mut scratch.tape)
         };
         self.0.iter().map(depth).sum()
@@ -77,7 +80,7 @@ fn draw_weight(factor: DVec3, depths: DVec3, shares: DVec3) -> Vec3 {
     if mean > 0.0 { (values / mean).as_vec3() } else { Vec3::ZERO }
 }
 
-impl Media for Chromatic<'_> {
+impl<O: DensityMedium> Media for Chromatic<'_, O> {
     type Phase = Mixed;
     const EMITS: bool = true;
 
@@ -184,7 +187,7 @@ impl Media for Chromatic<'_> {
     }
 
     fn albedo(&self, collision: &Collision) -> Vec3 {
-        self.0[collision.volume].volume.albedo
+        self.0[collision.volume].volume.albedo(collision)
     }
 
     fn source(&self, collision: &Collision) -> Vec3 {

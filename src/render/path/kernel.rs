@@ -4,9 +4,9 @@ use super::Kernel;
 use super::chromatic::Chromatic;
 use super::emissive::{Emissive, Integrated};
 use super::flames::Flames;
-use super::optics::{Any, DensityMedium};
+use super::optics::{Any, ByDensity, DensityMedium};
 use super::phase::{HenyeyGreenstein, Isotropic, Shaded};
-use super::tracking::{Media, One, any};
+use super::tracking::{Media, One, any, any_by_density};
 use crate::error::{Error, Result};
 use crate::scene::bricks::Bricks;
 use crate::scene::medium::Medium;
@@ -27,9 +27,11 @@ pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> 
     });
     let densities = densities.collect::<Result<Vec<_>>>()?;
     match &densities[..] {
-        several if several.iter().any(|(_, medium)| medium.is_chromatic()) => {
-            with_flames(Chromatic::new(several)?, scene)
-        }
+        several if several.iter().any(|(_, medium)| medium.is_chromatic()) => match by_density(scene) {
+            true => with_flames(Chromatic::new(several, any_by_density)?, scene),
+            false => with_flames(Chromatic::new(several, any)?, scene),
+        },
+        [(field, medium)] if medium.albedo_function.is_some() => single_by_density(scene, field, medium),
         [(field, medium)] => single(scene, field, medium),
         _ => generic(scene),
     }
@@ -41,7 +43,31 @@ pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> 
 /// If a medium cannot be used.
 pub(super) fn generic<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
     let densities = scene.volumes.iter().filter_map(Volume::density);
+    if by_density(scene) {
+        let volumes = densities.map(|(field, medium)| any_by_density(field, medium));
+        return with_flames(volumes.collect::<Result<Vec<_>>>()?, scene);
+    }
     with_flames(densities.map(|(field, medium)| any(field, medium)).collect::<Result<Vec<_>>>()?, scene)
+}
+
+/// True if the albedo of a medium depends on the density.
+fn by_density(scene: &Scene) -> bool {
+    scene.volumes.iter().filter_map(Volume::density).any(|(_, medium)| medium.albedo_function.is_some())
+}
+
+/// Returns the only volume of a scene, whose albedo depends on the density, as a kernel that is compiled for it: with a
+/// transfer function for its phase function as well, since the two go together.
+fn single_by_density<'a>(scene: &'a Scene, field: &'a Bricks<f32>, medium: &Medium) -> Result<Box<dyn Kernel + 'a>> {
+    if scene.volumes.iter().any(|volume| volume.emission().is_some()) {
+        return generic(scene);
+    }
+    let One { dvr, optics, albedo, phases, shadows } = any(field, medium)?;
+    Ok(match optics {
+        Any::Transfer(optics) => {
+            with_phase(One { dvr, optics: ByDensity::new(optics, medium), albedo, phases, shadows })
+        }
+        optics => Box::new(One { dvr, optics: ByDensity::new(optics, medium), albedo, phases, shadows }),
+    })
 }
 
 /// Returns the kernel of media and of what the volumes of a scene emit by grids.

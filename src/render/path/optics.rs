@@ -13,6 +13,11 @@ pub(super) trait DensityMedium: Sync + Send {
     fn extinction(&self, density: f32) -> f32;
     /// Returns the radiance of the source.
     fn source(&self, density: f32) -> Vec3;
+    /// Returns the share of the extinction that is scattered, where the volume has this albedo.
+    #[inline(always)]
+    fn albedo(&self, _: f32, of_volume: Vec3) -> Vec3 {
+        of_volume
+    }
 }
 
 /// A medium without emission, whose extinction is proportional to the density.
@@ -78,6 +83,45 @@ impl DensityMedium for Transfer {
     fn source(&self, density: f32) -> Vec3 {
         let piece = self.curve.piece(self.curve.find(density));
         Vec3::from_array(piece.source.map(|[at_base, slope]| at_base + slope * (density - piece.base)))
+    }
+}
+
+/// A medium whose albedo depends on the density, or may do.
+pub(super) struct ByDensity<O> {
+    /// Extinction and source.
+    pub optics: O,
+    /// Color of the albedo by density; `None` for 1 at every density.
+    pub color: Option<Curve<f32, 3>>,
+}
+
+impl<O> ByDensity<O> {
+    /// Returns optics with the albedo of their medium.
+    pub(crate) fn new(optics: O, medium: &Medium) -> Self {
+        let color = medium.albedo_function.as_ref().map(|function| Curve::new(function.table(), 1.0));
+        Self { optics, color }
+    }
+}
+
+impl<O: DensityMedium> DensityMedium for ByDensity<O> {
+    const EMITS: bool = O::EMITS;
+
+    #[inline(always)]
+    fn extinction(&self, density: f32) -> f32 {
+        self.optics.extinction(density)
+    }
+
+    #[inline(always)]
+    fn source(&self, density: f32) -> Vec3 {
+        self.optics.source(density)
+    }
+
+    #[inline(always)]
+    fn albedo(&self, density: f32, of_volume: Vec3) -> Vec3 {
+        let Some(curve) = &self.color else { return of_volume };
+        let piece = curve.piece(curve.find(density));
+        let color = piece.source.map(|[at_base, slope]| at_base + slope * (density - piece.base));
+        // Rounding must not make light.
+        of_volume * Vec3::from_array(color).clamp(Vec3::ZERO, Vec3::ONE)
     }
 }
 

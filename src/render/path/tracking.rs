@@ -4,7 +4,7 @@
 //! majorant is real. Their chances not to be are the factors of ratio tracking (Novák et al. 2014). Bricks in which
 //! nothing absorbs are skipped.
 
-use super::optics::{Any, DensityMedium};
+use super::optics::{Any, ByDensity, DensityMedium};
 use super::phase::{Mixed, PhaseFunction, Phases, Shaded, gradient};
 use super::{Primary, Scratch};
 use crate::error::{Error, Result};
@@ -105,6 +105,7 @@ pub(super) struct One<'a, O, P> {
     /// Computes transmittances; its medium does not scatter.
     pub dvr: Dvr<'a, f32>,
     pub optics: O,
+    /// Albedo, which the optics may multiply by a color at the density.
     pub albedo: Vec3,
     pub phases: P,
     pub shadows: Shadows,
@@ -157,6 +158,19 @@ pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a,
     }
     let shadows = Shadows::cheaper(&dvr, &optics);
     Ok(One { dvr, optics, albedo: Vec3::from_array(albedo), phases, shadows })
+}
+
+/// Returns the volume for kernels that serve any medium whose albedo depends on the density.
+pub(super) fn any_by_density<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a, ByDensity<Any>, Shaded>> {
+    Ok(any(field, medium)?.with(|optics| ByDensity::new(optics, medium)))
+}
+
+impl<'a, O, P> One<'a, O, P> {
+    /// Returns the volume with other optics, made from its own.
+    pub(super) fn with<Q>(self, optics: impl FnOnce(O) -> Q) -> One<'a, Q, P> {
+        let Self { dvr, optics: own, albedo, phases, shadows } = self;
+        One { dvr, optics: optics(own), albedo, phases, shadows }
+    }
 }
 
 impl<O: DensityMedium, P> One<'_, O, P> {
@@ -362,14 +376,14 @@ impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
 
     #[inline(always)]
     fn scattered(&self, at: DVec3, from: DVec3, to: DVec3) -> Vec3 {
-        let Some((_, extinction)) = self.extinction_at(at) else { return Vec3::ZERO };
+        let Some((density, extinction)) = self.extinction_at(at) else { return Vec3::ZERO };
         let value = self.phases.at(self.dvr.field(), at).value(from, to);
-        self.albedo * extinction * value as f32
+        self.optics.albedo(density, self.albedo) * extinction * value as f32
     }
 
     #[inline(always)]
-    fn albedo(&self, _: &Collision) -> Vec3 {
-        self.albedo
+    fn albedo(&self, collision: &Collision) -> Vec3 {
+        self.optics.albedo(collision.density, self.albedo)
     }
 
     #[inline(always)]
@@ -394,7 +408,7 @@ pub(super) fn joined(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
 }
 
 /// Several volumes, which may overlap: their extinctions add.
-impl Media for Vec<One<'_, Any, Shaded>> {
+impl<O: DensityMedium> Media for Vec<One<'_, O, Shaded>> {
     type Phase = Mixed;
     const EMITS: bool = true;
 
@@ -455,7 +469,7 @@ impl Media for Vec<One<'_, Any, Shaded>> {
 
     #[inline(always)]
     fn albedo(&self, collision: &Collision) -> Vec3 {
-        self[collision.volume].albedo
+        self[collision.volume].albedo(collision)
     }
 
     #[inline(always)]

@@ -7,10 +7,9 @@ use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::registry;
 use crate::formats::scene_file::{self, LightEntry, MediumEntry, SceneFile, VelocityEntry, VolumeEntry};
-use crate::formats::transfer;
+use crate::formats::transfer::{self, Function, Loaded};
 use crate::math::Affine;
 use crate::scene::light::Light;
-use crate::scene::transfer::Transfer;
 use crate::wording::worded;
 use std::path::{Path, PathBuf};
 
@@ -159,11 +158,11 @@ fn parts(entry: &VolumeEntry) -> Vec<(&'static str, String)> {
 fn check_medium(source: &Source, limits: Limits) -> Result<()> {
     let load = |path: &PathBuf| {
         let options = transfer::Options { limits, ..transfer::Options::default() };
-        transfer::load(path, &options).map(|loaded| loaded.transfer)
+        transfer::load(path, &options).map(Loaded::function)
     };
-    let transfer: Option<Transfer> = source.transfer.as_ref().map(load).transpose()?;
+    let function: Option<Function> = source.transfer.as_ref().map(load).transpose()?;
     let at = |e: Error| e.at(source.transfer.as_ref().unwrap_or(&source.file));
-    scene_file::medium(&source.medium, transfer.as_ref()).map(drop).map_err(at)
+    scene_file::medium(&source.medium, function.as_ref()).map(drop).map_err(at)
 }
 
 fn check_light(light: &LightEntry) -> Result<()> {

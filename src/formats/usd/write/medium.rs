@@ -4,6 +4,7 @@
 
 use super::text::{Literal, Property};
 use crate::formats::scene_file::{BlackbodyEntry, EmissionGridEntry, MediumEntry};
+use crate::scene::albedo::TransferColor;
 use crate::scene::capture::Model;
 
 /// Returns the light model that a medium asks for.
@@ -34,6 +35,7 @@ pub(crate) fn attributes(medium: &MediumEntry, transfer: Option<String>) -> Vec<
         extinction_color,
         emission,
         transfer: _,
+        tf_color,
         emission_grid,
         blackbody,
     } = medium;
@@ -58,5 +60,8 @@ pub(crate) fn attributes(medium: &MediumEntry, transfer: Option<String>) -> Vec<
     }
     all.extend(emission.map(|value| color("cumulo:emission", value)));
     all.extend(transfer.map(|path| Property::new("custom asset", "cumulo:transfer", Literal::Asset(path))));
+    let color =
+        |color: &TransferColor| Property::new("custom token", "cumulo:transferColor", Literal::text(color.name()));
+    all.extend(tf_color.as_ref().map(color));
     all
 }
