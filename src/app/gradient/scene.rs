@@ -223,8 +223,8 @@ impl GradientSettings {
 /// Converts a study to double precision.
 pub(in crate::app) fn in_double<V: Subject>(study: Study<V>) -> Study<V::Double> {
     let Study { field, setting, loss, priors, units, targets, rays_per_edge } = study;
-    let Bricks { topology, values, transform, domain } = field;
-    let values = values.into_iter().map(Subject::double).collect();
-    let field = Bricks { topology, values, transform, domain };
+    let Bricks { topology, values, background, reference, transform, domain } = field;
+    let (values, background) = (values.into_iter().map(Subject::double).collect(), background.double());
+    let field = Bricks { topology, values, background, reference, transform, domain };
     Study { field, setting, loss, priors, units, targets, rays_per_edge }
 }
