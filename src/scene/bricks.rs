@@ -370,6 +370,26 @@ impl<R: Real> Bricks<R> {
             .reduce(outside, |a, b| (a.0.lesser(b.0), a.1.greater(b.1)))
     }
 
+    /// Smallest and largest value of the data among the voxels that rays interpolate between: those of the domain, and
+    /// the background where bricks of it are missing. Of bricks that lie in several places one place counts.
+    pub fn seen_range(&self) -> [f64; 2] {
+        let (first, last) = (self.domain.min.floor(), self.domain.max.ceil());
+        let of_brick = |(brick, values): (&IVec3, &[R])| {
+            let shown = (0..BRICK).filter(|i| {
+                let at = (8 * *brick
+                    + IVec3::from_array([i / EDGE / EDGE, i / EDGE % EDGE, i % EDGE].map(|v| v as i32)))
+                .as_dvec3();
+                at.cmpge(first).all() && at.cmple(last).all()
+            });
+            shown.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], i| [a.min(values[i].f64()), b.max(values[i].f64())])
+        };
+        let widest = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let bricks = self.topology.bricks().par_iter().zip(self.values.par_chunks(BRICK));
+        let of_bricks = bricks.map(of_brick).reduce(|| [f64::INFINITY, f64::NEG_INFINITY], widest);
+        let seen = if self.is_filled() { of_bricks } else { widest(of_bricks, [self.background.f64(); 2]) };
+        seen.map(|stored| self.reference + stored)
+    }
+
     /// Samples the field at the voxels of another lattice (index to world): 512 values per brick of `topology`, z
     /// fastest.
     pub(crate) fn resampled(&self, topology: &Topology, lattice: &Affine) -> Vec<R> {

@@ -13,8 +13,7 @@ const LEAST_OF_VALUES: f64 = 0.01;
 
 /// Returns a warning if the values of a field and the range of its function, in this unit, do not meet, or nearly so.
 pub(crate) fn unmet(field: &Bricks<f32>, transfer: &Transfer, unit: &str) -> Option<Warning> {
-    let (low, high) = field.range();
-    let values = [low, high].map(|stored| field.reference + f64::from(stored));
+    let values = field.seen_range();
     let range = transfer::range(transfer);
     let words = found(values, range)?;
     let name = |value: f64| (value as f32).to_string();

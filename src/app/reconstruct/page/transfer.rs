@@ -46,10 +46,10 @@ pub(crate) fn field(volume: &Path, grid: Option<&str>, limits: Limits) -> Result
     Ok(field)
 }
 
-/// Returns the range of a function for all values of a field: from 0 on if none is negative.
+/// Returns the range of a function for all values of a field, from 0 on where that is not far from them.
 pub(crate) fn domain(field: &Bricks<f32>) -> [f64; 2] {
-    let (low, high) = field.range();
-    [low, high].map(|stored| field.reference + f64::from(stored))
+    let [low, high] = field.seen_range();
+    [if field.reference == 0.0 { low.min(0.0) } else { low }, high]
 }
 
 /// A view and its render with the reconstructed function.
