@@ -149,7 +149,7 @@ impl PlanSettings {
         let template = pictures.template(None, &mut provenance)?;
         let limits = pictures.limits;
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
-        remarks(&pictures, &subject, template.as_ref())
+        remarks(&pictures, (&subject, transfer.as_ref()), template.as_ref())
             .iter()
             .for_each(|remark| context.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();

@@ -1,7 +1,7 @@
 //! The volume that a use case works on, arranged for rays, with the transfer function that goes with it.
 
 use super::transfer::TransferSettings;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::transfer::Function;
@@ -62,16 +62,15 @@ pub(crate) fn read_with_function(
     Ok((grid, function))
 }
 
-/// Arranges a grid for rays that only read it: constant tiles share bricks. With a transfer function the volume ends at
-/// its outermost active voxels, since there are no densities beyond them to interpolate with; if the function absorbs
-/// at density zero, the volume fills its box.
+/// Arranges a grid for rays that only read it: constant tiles share bricks. With a transfer function values may have any
+/// sign and background, and the volume ends at its outermost active voxels, since there are no values beyond them to
+/// interpolate with; if the function absorbs at the background, the volume fills its box.
 ///
 /// # Errors
-/// If the bricks would need more memory than is allowed.
+/// If values cannot be used, or the bricks would need more memory than is allowed.
 pub(crate) fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
-    let field = Bricks::instanced(grid, limits.max_memory).map_err(|e| signed(e, transfer))?;
-    let Some(transfer) = transfer else { return Ok(field) };
-    let field = ended(field, grid, transfer, limits)?;
+    let Some(transfer) = transfer else { return Bricks::instanced(grid, limits.max_memory) };
+    let field = ended(Bricks::instanced_values(grid, limits.max_memory)?, grid, transfer, limits)?;
     // Renderers keep two tables of their own: of visible bricks, and of the distances to them.
     let bytes = grid.memory() + size_of_val(field.values.as_slice()) as u64 + 4 * field.topology.table_bytes();
     if bytes > limits.max_memory {
@@ -83,29 +82,18 @@ pub(crate) fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) 
 /// Arranges a grid as [`arrange`] does, with values of its own for every voxel: for gradients by voxel.
 ///
 /// # Errors
-/// If the bricks would need more memory than is allowed.
+/// If values cannot be used, or the bricks would need more memory than is allowed.
 pub(crate) fn arrange_by_voxel(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
-    let field = Bricks::from_grid(grid, limits.max_memory).map_err(|e| signed(e, transfer))?;
     match transfer {
-        Some(transfer) => ended(field, grid, transfer, limits),
-        None => Ok(field),
-    }
-}
-
-/// Says how a function of signed values, such as Hounsfield units, goes with values that densities cannot have.
-fn signed(e: Error, transfer: Option<&Transfer>) -> Error {
-    match transfer.map(transfer::range) {
-        Some([low, high]) if low < 0.0 && e.kind() == Kind::Invalid => e.instead(format!(
-            "the transfer function covers {low} to {high}: ⟨convert.map={low},{high}⟩ makes densities from 0 to 1 of \
-             that range, and ⟨tf_range=0,1⟩ moves the function to them"
-        )),
-        _ => e,
+        Some(transfer) => ended(Bricks::from_values(grid, limits.max_memory)?, grid, transfer, limits),
+        None => Bricks::from_grid(grid, limits.max_memory),
     }
 }
 
 fn ended(mut field: Bricks<f32>, grid: &Grid, transfer: &Transfer, limits: Limits) -> Result<Bricks<f32>> {
     field.domain = grid.active_box();
-    if transfer.table()?.at(0.0)[3] > 0.0 { field.filled(limits.max_memory) } else { Ok(field) }
+    let absorbs = transfer.table()?.at(f64::from(grid.background))[3] > 0.0;
+    if absorbs { field.filled(limits.max_memory) } else { Ok(field) }
 }
 
 /// Reads a pre-shaded volume; `name` is that of its extinctions.

@@ -24,6 +24,7 @@ pub(crate) fn largest<R: Real>(field: &Bricks<R>, medium: &Medium) -> f64 {
     if min.x > max.x {
         return 0.0;
     }
+    let medium = &medium.clone().relative_to(field.reference);
     let all = Majorants::new(field, medium);
     if all.empty() > 0.0 {
         // The medium is not clear between the bricks: the box is all there is to go by.

@@ -15,16 +15,16 @@ use rayon::prelude::*;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Majorants {
     bricks: Vec<f32>,
-    /// Bound where there are no bricks: the extinction at density 0.
+    /// Bound where there are no bricks: the extinction at the background.
     empty: f32,
 }
 
 impl Majorants {
-    /// Computes the bounds of a field of densities in a medium.
+    /// Computes the bounds of a field in a medium whose densities are those that the field stores.
     pub(crate) fn new<R: Real>(field: &Bricks<R>, medium: &Medium) -> Self {
         let of_brick = |values: &[R]| bound(medium, values.iter().copied());
         let bricks: Vec<f32> = field.values.par_chunks(BRICK).map(of_brick).collect();
-        Self { bricks, empty: bound(medium, [R::ZERO]) }
+        Self { bricks, empty: bound(medium, [field.background]) }
     }
 
     /// Returns the bound of each brick, in the order of the field's topology.

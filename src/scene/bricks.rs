@@ -1,10 +1,12 @@
 //! Fields on sparse bricks with an apron: the layout of a scalar grid for ray traversal.
 //!
 //! A voxel on the low face of a leaf also takes part in cells of the neighbours below. Those bricks exist whenever such
-//! a voxel is not zero, even where the file has no leaf.
+//! a voxel is not the background, even where the file has no leaf.
 //!
 //! [`Bricks::from_grid`] stores separate values for every brick. [`Bricks::instanced`] stores the bricks of constant
-//! tiles once, for readers that never change a value.
+//! tiles once, for readers that never change a value. Both take densities, which are 0 where voxels are missing and
+//! never negative. [`Bricks::from_values`] and [`Bricks::instanced_values`] take values of any sign and background, such
+//! as Hounsfield units, for media with a transfer function in the data's own units.
 
 use crate::error::{Code, Error, Result};
 use crate::math::{Aabb, Affine};
@@ -19,7 +21,7 @@ use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// A field on bricks, trilinear between voxel centres and zero outside.
+/// A field on bricks, trilinear between voxel centres and the background outside.
 /// The values are scalars, or the four of a pre-shaded volume: emitted radiance per world length in R, G and B, and
 /// extinction.
 #[derive(Debug, Clone)]
@@ -28,6 +30,11 @@ pub struct Bricks<V> {
     pub topology: Arc<Topology>,
     /// Stored values, [`BRICK`] = 729 per brick, indexed by brick number and [`slot`].
     pub values: Vec<V>,
+    /// Stored value of voxels that are missing; 0 for densities.
+    pub background: V,
+    /// Value of the data that a stored 0 stands for: stored values are differences to it. It is 0 unless the data's
+    /// values lie much farther from 0 than from each other, which single precision could not tell apart.
+    pub reference: f64,
     /// Map from index space to world space.
     pub transform: Affine,
     /// Index-space box outside which the medium is empty; inside, a transfer function may absorb even where the density
@@ -41,9 +48,20 @@ const OVERHEAD: u64 = 64;
 impl<V: Voxel> Bricks<V> {
     /// A field of zeros whose domain is the box of all cells.
     pub fn zeros(topology: Arc<Topology>, transform: Affine) -> Self {
-        let values = vec![V::default(); topology.len() * BRICK];
+        Self::constant(topology, transform, V::default(), 0.0)
+    }
+
+    /// A field of its background whose domain is the box of all cells.
+    fn constant(topology: Arc<Topology>, transform: Affine, background: V, reference: f64) -> Self {
+        let values = vec![background; topology.len() * BRICK];
         let domain = topology.bounds();
-        Self { topology, values, transform, domain }
+        Self { topology, values, background, reference, transform, domain }
+    }
+
+    /// A field like this one, of its background on other bricks.
+    fn emptied(&self, topology: Topology) -> Self {
+        let empty = Self::constant(Arc::new(topology), self.transform, self.background, self.reference);
+        Self { domain: self.domain, ..empty }
     }
 
     /// World-space box of all cells.
@@ -95,6 +113,8 @@ impl Bricks<Vec4> {
         Bricks {
             topology: self.topology.clone(),
             values: self.values.par_iter().map(|v| v[lane]).collect(),
+            background: self.background[lane],
+            reference: self.reference,
             transform: self.transform,
             domain: self.domain,
         }
@@ -109,8 +129,21 @@ impl<R: Real> Bricks<R> {
     /// `MOST_DENSITY`, or if the grid and its bricks together would need more than
     /// `max_memory` bytes.
     pub fn from_grid(grid: &Grid, max_memory: u64) -> Result<Self> {
+        Self::separate(grid, Sources::densities(grid), max_memory)
+    }
+
+    /// Arranges the leaves and tiles of a grid of any values in bricks, each with separate values.
+    ///
+    /// # Errors
+    /// If a value or the background is NaN, infinite or beyond `MOST_DENSITY`, or if the grid and its bricks together
+    /// would need more than `max_memory` bytes.
+    pub fn from_values(grid: &Grid, max_memory: u64) -> Result<Self> {
+        Self::separate(grid, Sources::values(grid), max_memory)
+    }
+
+    fn separate(grid: &Grid, sources: Result<Sources<'_>>, max_memory: u64) -> Result<Self> {
         let named = |e: Error| e.part(format!("grid '{}'", grid.name));
-        let sources = Sources::new(grid).map_err(named)?;
+        let sources = sources.map_err(named)?;
         let each = (BRICK * size_of::<R>()) as u64 + OVERHEAD;
         let within = |bytes: u64| if bytes > max_memory { Err(named(too_large(bytes, max_memory))) } else { Ok(()) };
         let held = grid.memory() + sources.memory();
@@ -124,7 +157,7 @@ impl<R: Real> Bricks<R> {
         let entries = if needed.is_empty() { 0 } else { topology::table_entries(low, high).map_err(named)? };
         within(held + needed.len() as u64 * each + 4 * entries as u64)?;
         let topology = Arc::new(Topology::new(needed.into_iter().map(IVec3::from_array)).map_err(named)?);
-        let mut field = Self::zeros(topology.clone(), grid.transform);
+        let mut field = Self::constant(topology.clone(), grid.transform, sources.background(), sources.reference);
         let stored = field.values.par_chunks_mut(BRICK).zip(topology.bricks().par_iter());
         stored.for_each(|(out, brick)| sources.fill(*brick, out));
         Ok(field)
@@ -136,17 +169,27 @@ impl<R: Real> Bricks<R> {
     /// # Errors
     /// The conditions are those of [`Bricks::from_grid`].
     pub fn instanced(grid: &Grid, max_memory: u64) -> Result<Self> {
+        Self::shared(grid, Sources::densities(grid), max_memory)
+    }
+
+    /// Arranges a grid of any values in bricks for reading only, as [`Bricks::instanced`] does.
+    ///
+    /// # Errors
+    /// The conditions are those of [`Bricks::from_values`].
+    pub fn instanced_values(grid: &Grid, max_memory: u64) -> Result<Self> {
+        Self::shared(grid, Sources::values(grid), max_memory)
+    }
+
+    fn shared(grid: &Grid, sources: Result<Sources<'_>>, max_memory: u64) -> Result<Self> {
         let named = |e: Error| e.part(format!("grid '{}'", grid.name));
-        let sources = Sources::new(grid).map_err(named)?;
+        let sources = sources.map_err(named)?;
         let each = (BRICK * size_of::<R>()) as u64 + OVERHEAD;
         let own = sources.needed_by_leaves();
         let corners = sources.tile_boxes().flat_map(|(low, high)| [low, high]);
         let (min, max) = bounds(own.iter().copied().map(IVec3::from_array).chain(corners));
         if !min.cmple(max).all() {
-            return Ok(Self::zeros(
-                Arc::new(Topology::from_table(IVec3::ZERO, IVec3::ZERO, vec![], vec![])),
-                grid.transform,
-            ));
+            let topology = Arc::new(Topology::from_table(IVec3::ZERO, IVec3::ZERO, vec![], vec![]));
+            return Ok(Self::constant(topology, grid.transform, sources.background(), sources.reference));
         }
         let entries = topology::table_entries(min, max).map_err(named)?;
         let needed = grid.memory() + sources.memory() + own.len() as u64 * each + 4 * entries as u64;
@@ -194,7 +237,7 @@ impl<R: Real> Bricks<R> {
             return Err(named(too_large(bytes, max_memory)));
         }
         let topology = Arc::new(Topology::from_table(min, dim, table, places));
-        let mut field = Self::zeros(topology.clone(), grid.transform);
+        let mut field = Self::constant(topology.clone(), grid.transform, sources.background(), sources.reference);
         let stored = field.values.par_chunks_mut(BRICK).zip(topology.bricks().par_iter());
         stored.for_each(|(out, brick)| sources.fill(*brick, out));
         Ok(field)
@@ -214,9 +257,8 @@ impl<R: Real> Bricks<R> {
         if bytes > max_memory {
             return Err(too_large(bytes, max_memory));
         }
-        let topology = Arc::new(Topology::new(self.topology.places().map(|(place, _)| place))?);
-        let mut own = Self { domain: self.domain, ..Self::zeros(topology.clone(), self.transform) };
-        own.values.par_chunks_mut(BRICK).zip(topology.bricks().par_iter()).for_each(|(out, brick)| {
+        let mut own = self.emptied(Topology::new(self.topology.places().map(|(place, _)| place))?);
+        own.values.par_chunks_mut(BRICK).zip(own.topology.bricks().par_iter()).for_each(|(out, brick)| {
             if let Some(values) = self.brick(*brick) {
                 out.copy_from_slice(values);
             }
@@ -224,8 +266,8 @@ impl<R: Real> Bricks<R> {
         Ok(own)
     }
 
-    /// Adds the missing bricks of the domain, with values of zero, for media that absorb where the density is zero. An
-    /// instanced field stores the added bricks once.
+    /// Adds the missing bricks of the domain, for media that absorb at the background. An instanced field stores the
+    /// added bricks once.
     ///
     /// # Errors
     /// If old and new field together would need more than `max_memory` bytes.
@@ -247,7 +289,7 @@ impl<R: Real> Bricks<R> {
         let all = (min.x..max.x).flat_map(|x| (min.y..max.y).map(move |y| (x, y)));
         let all = all.flat_map(|(x, y)| (min.z..max.z).map(move |z| IVec3::new(x, y, z)));
         let topology = Topology::new(all.chain(self.topology.bricks().iter().copied()))?;
-        let mut filled = Self { domain: self.domain, ..Self::zeros(Arc::new(topology), self.transform) };
+        let mut filled = self.emptied(topology);
         for (brick, values) in self.topology.bricks().iter().zip(self.values.chunks(BRICK)) {
             let to = filled.topology.find(*brick) as usize * BRICK;
             filled.values[to..to + BRICK].copy_from_slice(values);
@@ -292,7 +334,7 @@ impl<R: Real> Bricks<R> {
         if let Some(first) = first {
             bricks.push(first);
             topology::addressable(bricks.len())?;
-            self.values.resize(bricks.len() * BRICK, R::ZERO);
+            self.values.resize(bricks.len() * BRICK, self.background);
         }
         self.topology = Arc::new(Topology::from_table(low, dim, table, bricks));
         Ok(self)
@@ -319,12 +361,33 @@ impl<R: Real> Bricks<R> {
         ((self.domain.min / 8.0).floor().as_ivec3(), (self.domain.max / 8.0).ceil().as_ivec3())
     }
 
-    /// Smallest and largest value; zero is included, as it is the value outside.
+    /// Smallest and largest stored value; the background is included, as it is the value outside.
     pub fn range(&self) -> (R, R) {
+        let outside = || (self.background, self.background);
         self.values
             .par_iter()
-            .fold(|| (R::ZERO, R::ZERO), |(a, b), v| (a.lesser(*v), b.greater(*v)))
-            .reduce(|| (R::ZERO, R::ZERO), |a, b| (a.0.lesser(b.0), a.1.greater(b.1)))
+            .fold(outside, |(a, b), v| (a.lesser(*v), b.greater(*v)))
+            .reduce(outside, |a, b| (a.0.lesser(b.0), a.1.greater(b.1)))
+    }
+
+    /// Smallest and largest value of the data among the voxels that rays interpolate between: those of the domain, and
+    /// the background where bricks of it are missing. Of bricks that lie in several places one place counts.
+    pub fn seen_range(&self) -> [f64; 2] {
+        let (first, last) = (self.domain.min.floor(), self.domain.max.ceil());
+        let of_brick = |(brick, values): (&IVec3, &[R])| {
+            let shown = (0..BRICK).filter(|i| {
+                let at = (8 * *brick
+                    + IVec3::from_array([i / EDGE / EDGE, i / EDGE % EDGE, i % EDGE].map(|v| v as i32)))
+                .as_dvec3();
+                at.cmpge(first).all() && at.cmple(last).all()
+            });
+            shown.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], i| [a.min(values[i].f64()), b.max(values[i].f64())])
+        };
+        let widest = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let bricks = self.topology.bricks().par_iter().zip(self.values.par_chunks(BRICK));
+        let of_bricks = bricks.map(of_brick).reduce(|| [f64::INFINITY, f64::NEG_INFINITY], widest);
+        let seen = if self.is_filled() { of_bricks } else { widest(of_bricks, [self.background.f64(); 2]) };
+        seen.map(|stored| self.reference + stored)
     }
 
     /// Samples the field at the voxels of another lattice (index to world): 512 values per brick of `topology`, z
@@ -341,7 +404,7 @@ impl<R: Real> Bricks<R> {
         out
     }
 
-    /// A fog volume named `name` of the voxels that bricks own. Voxels that are not positive are inactive; leaves
+    /// A fog volume named `name` of the densities of the voxels that bricks own. Voxels that are not positive are inactive; leaves
     /// without active voxels are left out.
     pub fn to_grid(&self, name: &str) -> Grid {
         let leaves = self.topology.places().filter_map(|(brick, number)| {
@@ -368,7 +431,7 @@ impl<R: Real> Bricks<R> {
         }
     }
 
-    /// Derivatives of the interpolated value with respect to the index coordinates; zero outside the bricks. On the
+    /// Derivatives of the interpolated value with respect to the index coordinates. On the
     /// face between two cells they are those of the higher one.
     pub fn slopes(&self, index: DVec3) -> DVec3 {
         let cell = index.floor();
@@ -388,10 +451,11 @@ impl<R: Real> Bricks<R> {
         DVec3::new(slope(0), slope(1), slope(2))
     }
 
-    /// Trilinearly interpolated value at index coordinates; zero outside the bricks.
+    /// Trilinearly interpolated stored value at index coordinates; the background outside the bricks.
     pub fn sample(&self, index: DVec3) -> R {
+        let Some(corners) = self.corners(index) else { return self.background };
         let mut sum = R::ZERO;
-        for (voxel, weight) in self.corners(index).into_iter().flatten() {
+        for (voxel, weight) in corners {
             sum += R::of(weight) * self.values[voxel];
         }
         sum

@@ -71,6 +71,8 @@ impl Emitted {
         self.strength.get_or_init(|| Bricks {
             topology: self.grid.topology.clone(),
             values: self.grid.values.par_iter().map(|v| v.truncate().element_sum() / 3.0).collect(),
+            background: 0.0,
+            reference: 0.0,
             transform: self.grid.transform,
             domain: self.grid.domain,
         })

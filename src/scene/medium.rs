@@ -19,8 +19,8 @@ pub enum Source {
     Grey([f32; 3]),
     /// Radiance proportional to the density, `c = color · d`.
     Linear([f32; 3]),
-    /// Color and extinction as a piecewise linear function of the density. The density is zero where the field has no
-    /// voxels; outside its domain the medium is empty.
+    /// Color and extinction as a piecewise linear function of the density, which is any value in the data's own units.
+    /// Where the field has no voxels the density is its background; outside its domain the medium is empty.
     Transfer(Arc<Table>),
 }
 
@@ -79,6 +79,17 @@ impl Medium {
                 Self { source: Source::Transfer(Arc::new(table.simplified(tolerance))), ..self.clone() }
             }
             Source::Grey(_) | Source::Linear(_) => self.clone(),
+        }
+    }
+
+    /// Returns the medium for densities that are stored as differences to a reference.
+    #[must_use]
+    pub(crate) fn relative_to(self, reference: f64) -> Self {
+        match &self.source {
+            Source::Transfer(table) if reference != 0.0 => {
+                Self { source: Source::Transfer(Arc::new(table.relative_to(reference))), ..self }
+            }
+            _ => self,
         }
     }
 

@@ -59,6 +59,12 @@ impl Table {
         Ok(Self { knots, values })
     }
 
+    /// Returns the same function of densities that are differences to a reference.
+    #[must_use]
+    pub(crate) fn relative_to(&self, reference: f64) -> Self {
+        Self { knots: self.knots.iter().map(|knot| knot - reference).collect(), values: self.values.clone() }
+    }
+
     /// Densities of the knots, ascending.
     pub fn knots(&self) -> &[f64] {
         &self.knots

@@ -108,6 +108,8 @@ fn boxed<R: Real>(field: &Bricks<f32>, voxels: DVec3) -> Bricks<R> {
     let boxed = Bricks {
         topology: field.topology.clone(),
         values: field.values.iter().map(|v| R::of(f64::from(*v))).collect(),
+        background: R::ZERO,
+        reference: 0.0,
         transform: field.transform,
         domain: Aabb { min: DVec3::ZERO, max: voxels - 1.0 },
     };

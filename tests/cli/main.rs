@@ -31,6 +31,7 @@ mod info;
 mod merge;
 mod nanovdb;
 mod outputs;
+mod own_units;
 mod pictures;
 mod plan;
 mod pose;

@@ -18,6 +18,10 @@ fn the_list_says_what_there_is() {
         assert!(of(name)["opacity"].as_str().unwrap().contains(" at "), "{name}");
     }
     assert_eq!(of("mr-default")["range"], json!([0.0, 1.0]));
+    for name in ["diverging", "diverging-purple-orange"] {
+        assert_eq!(of(name)["range"], json!([-1.0, 1.0]), "{name}");
+        assert!(of(name)["opacity"].as_str().unwrap().contains("in the middle"), "{name}");
+    }
     let text = work.text("transfer --list");
     assert!(functions.iter().all(|f| text.contains(f["name"].as_str().unwrap())));
     work.refused("transfer --list viridis", Code::Usage, &["cannot be used with"]);
@@ -74,18 +78,20 @@ fn typing_errors_get_the_nearest_names() {
     assert!(!work.path("x").exists());
 }
 
-/// Values that densities cannot have, of a scan, and a function of them: the refusal names the way in, which leads there.
+/// A scan and a function of its units go together as they are, and after a map to densities; without a function the refusal
+/// names the ways in.
 #[test]
 fn scans_go_with_the_presets_of_their_units() {
     let work = Work::new();
     work.json("convert @head.nii.gz scan.vdb");
-    let size = "--tf ct-bone --views 1 --size 12x12";
+    let size = "--views 1 --size 12x12";
     work.refused(
         &format!("render scan.vdb {size} -o no"),
         Code::Invalid,
-        &["negative", "--map=-1024,3071", "--tf-range 0,1"],
+        &["negative", "--tf", "cumulo convert --map"],
     );
+    assert_eq!(work.json(&format!("render scan.vdb --tf ct-bone {size} -o own"))["views"], 1);
     work.json("convert scan.vdb ct.vdb --map=-1024,3071");
-    let report = work.json(&format!("render ct.vdb {size} --tf-range 0,1 -o bone"));
+    let report = work.json(&format!("render ct.vdb --tf ct-bone {size} --tf-range 0,1 -o bone"));
     assert_eq!(report["views"], 1);
 }

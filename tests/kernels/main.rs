@@ -27,6 +27,7 @@ mod hashes;
 mod loss;
 mod near_lights;
 mod optimise;
+mod own_units;
 mod path_tracing;
 mod plan;
 mod plan_measured;

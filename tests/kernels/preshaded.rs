@@ -74,6 +74,8 @@ fn light_is_that_of_small_steps() {
     let lanes: [Bricks<f64>; 4] = [0, 1, 2, 3].map(|c| Bricks {
         topology: volume.topology.clone(),
         values: volume.values.iter().map(|v| v[c]).collect(),
+        background: 0.0,
+        reference: 0.0,
         transform: volume.transform,
         domain: volume.domain,
     });

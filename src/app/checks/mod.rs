@@ -12,6 +12,7 @@ pub(crate) mod excerpt;
 pub mod left_out;
 pub mod pictures;
 pub(crate) mod residuals;
+pub(crate) mod values;
 
 use crate::error::{Code, Error};
 use crate::wording::worded;

@@ -142,8 +142,10 @@ pub(crate) fn remarks(grid: &GridPlace) -> Vec<String> {
     if grid.value_type == "int32" {
         remarks.push(format!("grid '{name}' holds integers; ⟨as=float⟩ makes floats, and ⟨map=LOW,HIGH⟩ densities"));
     } else if values.least.is_some_and(|l| l < 0.0) {
-        remarks
-            .push(format!("grid '{name}' has negative values; ⟨map=LOW,HIGH⟩ makes densities, which can be rendered"));
+        remarks.push(format!(
+            "grid '{name}' has negative values: a transfer function in their unit shows them as they are, ⟨render.tf⟩; \
+             ⟨map=LOW,HIGH⟩ makes densities"
+        ));
     }
     remarks
 }

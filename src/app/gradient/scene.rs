@@ -3,7 +3,7 @@
 use super::{GradientSettings, Wrt};
 use crate::app::Context;
 use crate::app::checks::pictures::PictureFacts;
-use crate::app::checks::{self, Emission, Warning};
+use crate::app::checks::{self, Emission, Warning, values};
 use crate::app::up::ChosenUp;
 use crate::app::{photos, run, volume};
 use crate::differentiate::loss::Rgba;
@@ -29,6 +29,8 @@ pub(in crate::app) struct Setup {
     model: Option<Model>,
     transfer: Option<Transfer>,
     cameras: Vec<Camera>,
+    /// Warning that the values do not meet the transfer function.
+    unmet: Option<Warning>,
     /// Up axis about which cameras were placed; none where the target states them.
     pub up: Option<ChosenUp>,
 }
@@ -50,6 +52,10 @@ impl GradientSettings {
                 .at(&self.input)
                 .hint("choose another grid with ⟨grid⟩"));
         }
+        let unmet = match (&scene, &transfer) {
+            (Grids::Density(field), Some(transfer)) => values::unmet(field, transfer, self.transfer.unit()),
+            _ => None,
+        };
         let up = target.is_none().then(|| self.up.of(&self.input, self.limits)).transpose()?;
         let cameras = match (&target, &up) {
             (Some(capture), _) => capture.frames.iter().map(|f| f.camera).collect(),
@@ -58,7 +64,7 @@ impl GradientSettings {
                 orbit::cameras(&outline, self.views.unwrap_or(1) as usize, Layout::Sphere, w, h, 40.0, axis)
             }
         };
-        Ok((scene, Setup { target, model, transfer, cameras, up }))
+        Ok((scene, Setup { target, model, transfer, cameras, unmet, up }))
     }
 
     fn pre_shaded(&self, target: Option<&Capture>) -> Result<Grids> {
@@ -119,8 +125,8 @@ impl GradientSettings {
         setup: Setup,
         context: &Context,
     ) -> Result<(Study<V>, Vec<Warning>)> {
-        let mut warnings = Vec::new();
-        let Setup { target, model, transfer, cameras, .. } = setup;
+        let Setup { target, model, transfer, cameras, unmet, .. } = setup;
+        let mut warnings: Vec<Warning> = unmet.into_iter().collect();
         let targets = match &target {
             Some(capture) if self.loss().compares() => {
                 let bar = context.steps(capture.frames.len() as u64, "reading pictures");
@@ -135,12 +141,12 @@ impl GradientSettings {
                 let read = photos::each(capture, None, self.limits, photos::WHOLE, &|| bar.inc(1), take)?;
                 drop(bar);
                 let (facts, targets): (Vec<PictureFacts>, Vec<Vec<Rgba>>) = read.into_iter().unzip();
-                warnings = checks::warnings(checks::pictures::pictures(&facts, &shown, Emission::Stated));
-                context.warn(&warnings);
+                warnings.extend(checks::warnings(checks::pictures::pictures(&facts, &shown, Emission::Stated)));
                 targets
             }
             _ => Vec::new(),
         };
+        context.warn(&warnings);
         let peak = transfer.as_ref().map_or(Ok(0.0), |t| t.table().map(|table| table.peak()[3]))?;
         let study = Study {
             priors: self.prior.clone(),
@@ -223,8 +229,8 @@ impl GradientSettings {
 /// Converts a study to double precision.
 pub(in crate::app) fn in_double<V: Subject>(study: Study<V>) -> Study<V::Double> {
     let Study { field, setting, loss, priors, units, targets, rays_per_edge } = study;
-    let Bricks { topology, values, transform, domain } = field;
-    let values = values.into_iter().map(Subject::double).collect();
-    let field = Bricks { topology, values, transform, domain };
+    let Bricks { topology, values, background, reference, transform, domain } = field;
+    let (values, background) = (values.into_iter().map(Subject::double).collect(), background.double());
+    let field = Bricks { topology, values, background, reference, transform, domain };
     Study { field, setting, loss, priors, units, targets, rays_per_edge }
 }

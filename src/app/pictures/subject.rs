@@ -49,7 +49,7 @@ impl Subject {
     /// Returns world points around all that may be seen; `transfer` is the function by which the grids are.
     pub(crate) fn outline(&self, transfer: Option<&Transfer>) -> Vec<DVec3> {
         let by_function = |field: &Bricks<f32>, table: &Table| {
-            let shown = field.outline_of(|value| table.at(f64::from(value))[3] > 0.0);
+            let shown = field.outline_of(|value| table.at(field.reference + f64::from(value))[3] > 0.0);
             // What a function shows between two voxels alone lies among them all.
             if shown.is_empty() { field.outline() } else { shown }
         };

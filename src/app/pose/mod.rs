@@ -3,7 +3,7 @@
 mod page;
 
 use super::Context;
-use crate::app::checks::{Emission, Warning};
+use crate::app::checks::{Emission, Warning, values};
 use crate::app::earlier::InitialGuess;
 use crate::app::inputs;
 use crate::app::outputs::Content;
@@ -209,6 +209,11 @@ impl PoseSettings {
         let captured =
             Captured { json: &json, capture: &shown, emission: Emission::Stated, layer: self.layer.as_deref() };
         let (photos, mut warnings) = task.pictures(captured, photos::WHOLE, |photo| photo)?;
+        if let (Grids::Density(field), Some(transfer)) = (&grids, &shown.transfer) {
+            let unmet = values::unmet(field, transfer, self.transfer.unit());
+            context.warn(unmet.as_slice());
+            warnings.extend(unmet);
+        }
         task.provenance.input(&self.volume, [self.volume.as_path()])?;
         if let Some(tf) = self.transfer.file() {
             task.provenance.input(tf, [tf])?;

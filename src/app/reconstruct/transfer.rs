@@ -283,7 +283,7 @@ impl TransferFunctionSettings {
             extinction: capture.density_scale,
             background: capture.background,
             quadrature: self.quadrature,
-            domain: self.domain.unwrap_or([0.0, f64::from(field.range().1)]),
+            domain: self.domain.unwrap_or_else(|| transfer_page::domain(field)),
             texels: self.texels as usize,
             smooth: self.smooth,
             held_out,

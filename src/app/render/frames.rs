@@ -356,7 +356,9 @@ impl Sequence<'_> {
         let limits = pictures.limits;
         let mut provenance = self.provenance.clone();
         let (subject, transfer) = pictures.subject(self.template.as_ref(), limits, &mut provenance)?;
-        for remark in remarks(&pictures, &subject, self.template.as_ref()) {
+        // Frames of one sequence are alike: the first speaks for their values.
+        let first = transfer.as_ref().filter(|_| place == 0);
+        for remark in remarks(&pictures, (&subject, first), self.template.as_ref()) {
             if self.remarks.insert(remark.clone()) {
                 context.note(format!("remark: {remark}"));
             }

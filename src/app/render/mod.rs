@@ -20,6 +20,7 @@ pub use merge::{MergeReport, MergeSettings};
 pub use views::ViewsReport;
 
 use crate::app::Context;
+use crate::app::checks::{Warning, values};
 use crate::app::context::Picture;
 use crate::app::inputs;
 use crate::app::pictures::PictureSettings;
@@ -40,6 +41,8 @@ use crate::render::tiles::Watch;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::scene::Scene;
+use crate::scene::transfer::Transfer;
+use crate::scene::volume::Grids;
 use accuracy::{Made, Measured, PictureError, Turn};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -324,12 +327,19 @@ impl RenderSettings {
 /// Returns the remarks on a subject, its cameras and its lights.
 pub(in crate::app) fn remarks(
     pictures: &PictureSettings,
-    subject: &Subject,
+    (subject, transfer): (&Subject, Option<&Transfer>),
     template: Option<&Capture>,
 ) -> Vec<String> {
     let cameras = template.filter(|_| subject.is_scene()).map_or(&[][..], |capture| &capture.remarks);
     let lights = if subject.is_scene() { None } else { pictures.other_light() };
-    subject.remarks().iter().chain(cameras).cloned().chain(lights).collect()
+    let unmet = match (subject, transfer) {
+        (Subject::Grids(Grids::Density(field)), Some(transfer)) => {
+            values::unmet(field, transfer, pictures.transfer.unit())
+        }
+        _ => None,
+    };
+    let unmet = unmet.map(|Warning { what, remedy }| format!("{what}; {remedy}"));
+    subject.remarks().iter().chain(cameras).cloned().chain(lights).chain(unmet).collect()
 }
 
 /// Refuses pictures that do not fit in memory, one for each thread: pixels, samples and bytes of the file, and

@@ -218,7 +218,7 @@ impl RenderSettings {
                 .hint("give ⟨frames⟩ to render a sequence, picture by picture"));
         }
         let (subject, transfer) = pictures.subject(template.as_ref(), pictures.limits, &mut provenance)?;
-        let remarks = remarks(pictures, &subject, template.as_ref());
+        let remarks = remarks(pictures, (&subject, transfer.as_ref()), template.as_ref());
         remarks.iter().for_each(|remark| context.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
         let up = pictures.chosen_up(template.as_ref())?;

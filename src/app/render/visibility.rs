@@ -2,10 +2,18 @@
 
 use crate::plan::Plan;
 use crate::scene::film::Film;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 /// Share of the brightest pixel's radiance that may be left out of pictures without a remark.
 const UNREMARKED: f64 = 0.1;
+
+/// Alpha from which a pixel is opaque, and below which it does not show the volume.
+const OPAQUE: f32 = 0.999;
+const SHOWN: f32 = 0.004;
+/// Share of the pixels that show the volume of which opaque ones say that nothing of its inside is seen.
+const SOLID: f64 = 0.98;
+/// Fewest pixels that say so.
+const FEWEST: u64 = 64;
 
 /// Whether some pixel of the pictures so far shows the volume, by its alpha or by a color that others do not have, and
 /// the radiance of the brightest.
@@ -14,6 +22,9 @@ pub(super) struct Visibility {
     covered: AtomicBool,
     /// Bits of the radiance, which for numbers from 0 on are in the order of these.
     brightest: AtomicU32,
+    /// Pixels that show the volume, and those of them that are opaque.
+    shown: AtomicU64,
+    opaque: AtomicU64,
 }
 
 impl Visibility {
@@ -24,6 +35,9 @@ impl Visibility {
         }
         let brightest = film.rgba.iter().flat_map(|p| &p[..3]).fold(0.0_f32, |most, c| most.max(*c));
         self.brightest.fetch_max(brightest.to_bits(), Ordering::Relaxed);
+        let above = |alpha: f32| film.rgba.iter().filter(|p| p[3] >= alpha).count() as u64;
+        self.shown.fetch_add(above(SHOWN), Ordering::Relaxed);
+        self.opaque.fetch_add(above(OPAQUE), Ordering::Relaxed);
     }
 
     fn brightest(&self) -> f64 {
@@ -42,7 +56,22 @@ impl Visibility {
                 self.brightest()
             )
         });
-        self.nothing(transfer).into_iter().chain(omitted).collect()
+        let solid = self.solid().filter(|_| transfer);
+        self.nothing(transfer).into_iter().chain(solid).chain(omitted).collect()
+    }
+
+    /// Says so if the volume is one solid block.
+    fn solid(&self) -> Option<String> {
+        let [shown, opaque] = [&self.shown, &self.opaque].map(|count| count.load(Ordering::Relaxed));
+        let share = opaque as f64 / shown.max(1) as f64;
+        (shown >= FEWEST && share >= SOLID).then(|| {
+            format!(
+                "the volume is opaque in {:.0} % of the pixels that show it, so that nothing of its inside is seen: \
+                 ⟨tf_range=LOW,HIGH⟩ moves the transfer function to the values that `cumulo info` lists, \
+                 ⟨density_scale=auto⟩ thins it",
+                100.0 * share
+            )
+        })
     }
 
     fn nothing(&self, transfer: bool) -> Option<String> {
@@ -71,6 +100,20 @@ impl Visibility {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn solid_blocks_are_told() {
+        let of = |alphas: &[f32]| {
+            let visibility = Visibility::default();
+            visibility.add(&Film::of(alphas.len(), 1, alphas.iter().map(|a| [0.5, 0.5, 0.5, *a]).collect()));
+            visibility.solid()
+        };
+        let block: Vec<f32> = (0..400).map(|i| if i < 200 { 1.0 } else { 0.0 }).collect();
+        assert!(of(&block).is_some_and(|text| text.contains("100 %")));
+        assert_eq!(of(&block[150..250]), None, "too few pixels to say so");
+        let soft: Vec<f32> = (0..400).map(|i| (i as f32 / 200.0).min(1.0)).collect();
+        assert_eq!(of(&soft), None);
+    }
 
     #[test]
     fn pictures_without_light_or_volume_are_told() {

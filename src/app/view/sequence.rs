@@ -158,7 +158,7 @@ fn volumes(
         let file = File::open(&path, view.limits)?;
         let native = file.read(&volume::name(view, &file)?)?;
         let info = native.info().map_err(|e| e.at(&path))?;
-        Subject::of(view, &native, &info).map_err(|e| e.at(&path))
+        Subject::of(view, &native, &info, context).map_err(|e| e.at(&path))
     };
     let (mut bounds, mut scale, mut light) = (Aabb::EMPTY, f64::INFINITY, "");
     let read = each(numbers, failed, context, |number| {

@@ -2,6 +2,8 @@
 
 use super::ViewSettings;
 use super::slices::magnitude;
+use crate::app::Context;
+use crate::app::checks::values;
 use crate::app::pictures::DensityScale;
 use crate::app::volume;
 use crate::cancel::Cancel;
@@ -49,7 +51,7 @@ impl Subject {
     ///
     /// # Errors
     /// If the grid does not fit in memory, has no affine transform, or a transfer function cannot be used with it.
-    pub(crate) fn of(view: &ViewSettings, native: &NativeGrid, info: &GridInfo) -> Result<Self> {
+    pub(crate) fn of(view: &ViewSettings, native: &NativeGrid, info: &GridInfo, context: &Context) -> Result<Self> {
         let limits = view.limits;
         let requested = view.transfer.load(limits)?;
         let carried = transfer::from_metadata(&native.metadata()?).unwrap_or_default();
@@ -58,6 +60,7 @@ impl Subject {
             crate::formats::vdb::require_fog(&grid)?;
             let limits = Limits { max_memory: limits.max_memory.saturating_sub(info.memory) };
             let field = volume::arrange(&grid, Some(&transfer), limits)?;
+            context.warn(values::unmet(&field, &transfer, view.transfer.unit()).as_slice());
             let source = Source::Transfer(Arc::new(transfer.table()?));
             return Ok(Self { field, source, meaning: "values by the transfer function" });
         }

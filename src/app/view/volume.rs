@@ -148,7 +148,7 @@ fn picture(
         let tile = Tile { title: "no picture".into(), picture, caption: vec![words.to_owned()] };
         Ok(Drawn { tile, density_scale: None, meaning })
     };
-    let subject = match Subject::of(view, native, info) {
+    let subject = match Subject::of(view, native, info, context) {
         Ok(subject) => subject,
         Err(e) if by_setting => return Err(e),
         Err(e) => return blank(&e.what(), "nothing"),

@@ -3,6 +3,7 @@
 mod page;
 
 use super::Context;
+use crate::app::checks::values;
 use crate::app::earlier::{self, InitialGuess};
 use crate::app::inputs;
 use crate::app::outputs::{self, Content};
@@ -225,6 +226,8 @@ impl ViewpointSettings {
         task.search("viewpoint", self, InitialGuess { init, resume, output, overwrite: Some(self.overwrite) })?;
         let (limits, cancel) = (task.limits, &task.stop());
         let (field, transfer) = self.field(&mut task)?;
+        let unmet = transfer.as_ref().and_then(|transfer| values::unmet(&field, transfer, self.transfer.unit()));
+        context.warn(unmet.as_slice());
         let up = self.up.of(&self.input, limits)?;
         context.note(&up);
         let around = Sphere::around(&field.outline(), self.size, self.fov, up.axis)

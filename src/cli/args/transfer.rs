@@ -9,7 +9,8 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 struct TransferArgs {
     /// Transfer function: a .tf.json, a color map preset of ParaView (JSON, XML), a VDB that carries one, or a name
-    /// such as viridis, cool-warm or ct-bone (`cumulo transfer --list` shows all)
+    /// such as viridis, diverging or ct-bone (`cumulo transfer --list` shows all). Values are taken as they are, in its
+    /// unit: signed ones, such as Hounsfield units, and any background
     #[arg(long = "tf", value_name = "FILE|NAME")]
     tf: Option<PathBuf>,
     /// Which of several in --tf: the preset of this name, in a VDB that of this grid (default: the first)

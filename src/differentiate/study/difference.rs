@@ -132,7 +132,8 @@ impl<V: Subject<Double = V>> Study<V> {
         let setting = &self.setting;
         let voxel = self.field.transform.voxel_size().min_element();
         let (_, group, value) = self.described(&[parameter]).swap_remove(0);
-        let bounded = |h: f64| (h, if value < h { Side::Above } else { Side::Both });
+        // Densities are not negative; other values may be.
+        let bounded = |h: f64| (h, if (0.0..h).contains(&value) { Side::Above } else { Side::Both });
         Ok(match parameter {
             Parameter::Step => (1e-6 * value, Side::Both),
             Parameter::Camera { view, part } => {
@@ -151,7 +152,7 @@ impl<V: Subject<Double = V>> Study<V> {
                 let h = 1e-5 * largest(&self.field, channel);
                 let Some(transfer) = &setting.transfer else { return Ok(bounded(h)) };
                 match transfer.table()?.knots().iter().find(|k| (value - **k).abs() < 2.0 * h) {
-                    Some(knot) if value < *knot && value >= 2.0 * h => (h, Side::Below),
+                    Some(knot) if value < *knot && !(0.0..2.0 * h).contains(&value) => (h, Side::Below),
                     Some(_) => (h, Side::Above),
                     None => bounded(h),
                 }
@@ -180,7 +181,7 @@ impl<V: Subject<Double = V>> Study<V> {
                     return Ok((h, Side::Above));
                 }
                 // Where the field is level at the knot, its densities belong to the piece above it.
-                let density = |v: &V| v.channel(depth_channel::<V>());
+                let density = |v: &V| self.field.reference + v.channel(depth_channel::<V>());
                 let level = self.field.values.iter().any(|v| (density(v) - value).abs() < 2.0 * h);
                 (h, if level { Side::Below } else { Side::Both })
             }

@@ -88,9 +88,9 @@ impl<V: Subject> Study<V> {
         for Weighted { prior, weight } in &self.priors {
             match (prior, &self.setting.transfer) {
                 (Prior::Volume(prior), _) => {
-                    let density = |v: V| v.channel(depth_channel::<V>());
+                    let (density, reference) = (|v: V| v.channel(depth_channel::<V>()), self.field.reference);
                     let scaled: Vec<f64> =
-                        self.field.owned().into_iter().map(|v| density(v) / self.units.density).collect();
+                        self.field.owned().into_iter().map(|v| (reference + density(v)) / self.units.density).collect();
                     let neighbours = Neighbours::new(&self.field.topology);
                     let mut by = vec![0.0; scaled.len()];
                     all.value += prior.add(*weight, &scaled, &neighbours, scaled.len(), &mut by);
@@ -197,7 +197,8 @@ impl<V: Subject> Study<V> {
             Parameter::Voxel { voxel, channel } => {
                 let topology = &self.field.topology;
                 let (at, slots) = (parameter::coordinates(topology, voxel), topology.slots(voxel));
-                let value = slots[0].map_or(0.0, |slot| self.field.values[slot].channel(channel));
+                let value =
+                    slots[0].map_or(0.0, |slot| self.field.reference + self.field.values[slot].channel(channel));
                 let name = V::CHANNELS[channel];
                 let group = name.split('.').next().unwrap_or(name);
                 (format!("{name}[{},{},{}]", at.x, at.y, at.z), group, value)

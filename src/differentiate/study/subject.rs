@@ -46,9 +46,9 @@ pub const fn depth_channel<V: Subject>() -> usize {
     V::CHANNELS.len() - 1
 }
 
-/// The largest value that a channel of a field has, or 1 if none is above zero.
+/// The largest magnitude that a channel of a field stores, or 1 if all are zero.
 pub fn largest<V: Subject>(field: &Bricks<V>, channel: usize) -> f64 {
-    let largest = field.values.par_iter().map(|v| v.channel(channel)).reduce(|| 0.0, f64::max);
+    let largest = field.values.par_iter().map(|v| v.channel(channel).abs()).reduce(|| 0.0, f64::max);
     if largest > 0.0 { largest } else { 1.0 }
 }
 

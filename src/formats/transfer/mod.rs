@@ -164,6 +164,11 @@ pub fn file(path: &Path) -> Option<&Path> {
     (!name_of(path).is_some_and(is_builtin)).then_some(path)
 }
 
+/// Returns the unit of the densities of the function that a path names; none for a file.
+pub(crate) fn unit(path: &Path) -> Option<&'static str> {
+    name_of(path).and_then(builtin::unit)
+}
+
 /// Returns the word that a path consists of, if it may be a function's name: nothing is there, and it has neither
 /// folder nor extension.
 fn name_of(path: &Path) -> Option<&str> {

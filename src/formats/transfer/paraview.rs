@@ -31,6 +31,8 @@ pub(super) struct Preset {
     pub colors: Vec<ColorKnot>,
     /// Opacity knots; `None` if the file states no opacities.
     pub opacities: Option<Vec<OpacityKnot>>,
+    /// Without opacities: true if extinction rises from the middle to both ends, false from the first color to the last.
+    pub diverging: bool,
 }
 
 /// Converts preset number `index` of a file to a transfer function.
@@ -64,6 +66,8 @@ enum Extinction {
     Opacity { knots: Vec<OpacityKnot>, distance: f64 },
     /// Linear rise of extinction from 0 at `low` to `most` at `high`.
     Rise { low: f64, high: f64, most: f64 },
+    /// Linear rise of extinction from 0 at `zero` to `most` at a distance of `half` to both sides.
+    Diverging { zero: f64, half: f64, most: f64 },
 }
 
 /// A preset with checked numbers and ascending knots.
@@ -76,7 +80,7 @@ struct Curves {
 
 impl Curves {
     fn new(preset: Preset, options: &Options) -> Result<Self> {
-        let Preset { space, mut colors, opacities } = preset;
+        let Preset { space, mut colors, opacities, diverging } = preset;
         ascending(&mut colors, "color")?;
         for knot in &mut colors {
             for (value, channel) in knot[1..].iter_mut().zip(["red", "green", "blue"]) {
@@ -119,6 +123,12 @@ impl Curves {
                 }
                 let most = above_zero(options.extinction.unwrap_or(1.0), "extinction")?;
                 let (low, high) = (colors[0][0], colors[colors.len() - 1][0]);
+                let half = 0.5 * (high - low);
+                if diverging && half > 0.0 {
+                    let zero = low + half;
+                    notes.push(format!("extinction rises from 0 at density {zero} to {most} at both ends"));
+                    return Ok(Self { space, colors, extinction: Extinction::Diverging { zero, half, most }, notes });
+                }
                 notes.push(format!(
                     "the preset states no opacities: extinction rises from 0 at the first color to {most} at the last"
                 ));
@@ -140,6 +150,9 @@ impl Curves {
             all.extend(knots.iter().map(|k| k[0]));
             let kink = |k: &[OpacityKnot]| opacity::kink(&k[0]).map(|s| (1.0 - s) * k[0][0] + s * k[1][0]);
             all.extend(knots.windows(2).filter_map(kink));
+        }
+        if let Extinction::Diverging { zero, .. } = &self.extinction {
+            all.push(*zero);
         }
         all.sort_by(f64::total_cmp);
         // -0 and 0 are one density.
@@ -205,6 +218,7 @@ impl Curves {
                 most * ((density - low) / (high - low)).clamp(0.0, 1.0)
             }
             Extinction::Rise { most, .. } => *most,
+            Extinction::Diverging { zero, half, most } => most * ((density - zero).abs() / half).min(1.0),
         };
         [r, g, b, extinction]
     }

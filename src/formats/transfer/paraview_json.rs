@@ -43,7 +43,8 @@ fn preset(object: &Object) -> Result<Preset> {
     }
     let space: Option<String> = value(object, "ColorSpace", "a text")?;
     let space = Space::named(space.as_deref().unwrap_or("RGB"), truth(object, "HSVWrap")?)?;
-    Ok(Preset { space, colors, opacities: fours(object, "Points", "density, opacity, midpoint, sharpness")? })
+    let opacities = fours(object, "Points", "density, opacity, midpoint, sharpness")?;
+    Ok(Preset { space, colors, opacities, diverging: false })
 }
 
 /// Value of a flag, which ParaView writes as a number.

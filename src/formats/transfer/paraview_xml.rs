@@ -146,5 +146,5 @@ fn preset(map: Map) -> Result<Preset> {
     // ParaView writes 1 for each point whatever the opacities are, which states nothing.
     let stated = map.points.iter().any(|(_, o)| o.is_some_and(|o| o != 1.0));
     let opacities = stated.then(|| map.points.iter().map(|(p, o)| [p[0], o.unwrap_or(1.0), 0.5, 0.0]).collect());
-    Ok(Preset { space, colors: map.points.iter().map(|(p, _)| *p).collect(), opacities })
+    Ok(Preset { space, colors: map.points.iter().map(|(p, _)| *p).collect(), opacities, diverging: false })
 }

@@ -275,6 +275,7 @@ fn largest(color: [f32; 3]) -> f64 {
 #[derive(Debug, Clone)]
 pub struct Dvr<'a, R: Real> {
     field: &'a Bricks<R>,
+    /// Medium of the densities that the field stores.
     medium: Medium,
     compiled: CompiledMedium<R>,
     /// Bricks that rays visit: with a transfer function those that hold a density at which the medium absorbs, else
@@ -296,10 +297,10 @@ impl<'a, R: Real> Dvr<'a, R> {
     /// the eye.
     ///
     /// # Errors
-    /// If the medium's numbers are not usable, it scatters, it is chromatic, or it absorbs at density zero where the
-    /// field has no bricks.
+    /// If the medium's numbers are not usable, it scatters, it is chromatic, it absorbs at the field's background where
+    /// there are no bricks, or it has no transfer function for a background other than zero.
     pub fn new(field: &'a Bricks<R>, medium: Medium) -> Result<Self> {
-        let medium = medium.checked()?;
+        let medium = medium.checked()?.relative_to(field.reference);
         if medium.scatters() {
             return Err(Error::unsupported(
                 "direct volume rendering shows absorption and emission, the medium scatters",
@@ -312,14 +313,20 @@ impl<'a, R: Real> Dvr<'a, R> {
             )
             .hint("path tracing renders it"));
         }
-        if let Source::Transfer(table) = &medium.source
-            && table.at(0.0)[3] > 0.0
-            && !field.is_filled()
-        {
-            return Err(Error::invalid(
-                "the transfer function absorbs where the density is 0, and bricks are missing there",
-            )
-            .hint("fill the field first: `Bricks::filled`"));
+        match &medium.source {
+            Source::Transfer(table) if table.at(field.background.f64())[3] > 0.0 && !field.is_filled() => {
+                return Err(Error::invalid(
+                    "the transfer function absorbs at the field's background, and bricks are missing there",
+                )
+                .hint("fill the field first: `Bricks::filled`"));
+            }
+            Source::Grey(_) | Source::Linear(_) if field.background != R::ZERO || field.reference != 0.0 => {
+                return Err(Error::invalid(
+                    "a medium without a transfer function has density 0 outside, the field not",
+                )
+                .hint("give a transfer function in the data's own units: ⟨tf=NAME⟩"));
+            }
+            _ => {}
         }
         let renderer = Self {
             field,

@@ -149,8 +149,8 @@ pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a,
     let medium = medium.clone().checked()?;
     let albedo = medium.scattering.map_or([0.0; 3], |scattering| scattering.albedo);
     let phases = Shaded::new(medium.scattering);
-    let optics = Any::new(&medium);
     let dvr = Dvr::new(field, medium.densest_channel())?.early_stop(LEAST_TRANSMITTANCE);
+    let optics = Any::new(&medium.relative_to(field.reference));
     let largest = dvr.majorants().largest();
     if !largest.is_finite() {
         return Err(Error::invalid("the extinction is too large for single precision")

@@ -24,25 +24,32 @@ use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Reads the volume with all of its box, since the function may absorb where the density is zero.
+/// Reads the volume with all of its box, since the function may absorb at the background.
 ///
 /// # Errors
-/// If the volume cannot be read or has no density above zero.
+/// If the volume cannot be read, or all of its values are alike.
 pub(crate) fn field(volume: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks<f32>> {
     let grid = File::open(volume, limits)?.read_fog(grid)?;
     let arrange = || {
-        let mut field = Bricks::from_grid(&grid, limits.max_memory)?;
+        let mut field = Bricks::from_values(&grid, limits.max_memory)?;
         field.domain = grid.active_box();
         field.filled(limits.max_memory)
     };
     let field = arrange().map_err(|e| e.at(volume))?;
-    if field.range().1 <= 0.0 {
-        return Err(Error::invalid("the volume has no density above zero")
+    let (low, high) = field.range();
+    if low >= high {
+        return Err(Error::invalid("the volume has one value everywhere")
             .coded(Code::EmptyGrid)
             .at(volume)
             .hint("choose another grid with ⟨grid⟩; `cumulo info` shows what is in them"));
     }
     Ok(field)
+}
+
+/// Returns the range of a function for all values of a field, from 0 on where that is not far from them.
+pub(crate) fn domain(field: &Bricks<f32>) -> [f64; 2] {
+    let [low, high] = field.seen_range();
+    [if field.reference == 0.0 { low.min(0.0) } else { low }, high]
 }
 
 /// A view and its render with the reconstructed function.

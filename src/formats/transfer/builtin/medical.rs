@@ -6,7 +6,8 @@
 //! opacities are choices of this program; opacities are for a layer of one world unit, which in medical volumes is a
 //! millimetre.
 //!
-//! Presets for CT run from -1024 to 3071 HU, the range of a scanner's twelve bits. A volume that stores HU + 1024, so
+//! Presets for CT run from -1024 to 3071 HU, the range of a scanner's twelve bits, and show volumes of these units as they
+//! are. A volume that stores HU + 1024, so
 //! that air is 0, is mapped by the range 0 to 4095.
 
 use super::Entry;
@@ -103,5 +104,5 @@ fn preset(colors: &[ColorKnot], opacities: &[(f64, f64)], high: f64) -> Preset {
     let mut colors = colors.to_vec();
     colors.extend(colors.last().copied().filter(|last| last[0] < high).map(|[_, r, g, b]| [high, r, g, b]));
     let knot = |(density, opacity): &(f64, f64)| -> OpacityKnot { [*density, *opacity, 0.5, 0.0] };
-    Preset { space: Space::Rgb, colors, opacities: Some(opacities.iter().map(knot).collect()) }
+    Preset { space: Space::Rgb, colors, opacities: Some(opacities.iter().map(knot).collect()), diverging: false }
 }

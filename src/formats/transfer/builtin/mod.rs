@@ -2,7 +2,8 @@
 //!
 //! [`load`](super::load()) takes one of these names where it takes the path of a file, unless a file of that name is
 //! there. Colors and opacities follow the rules of ParaView's presets: opacities are those of a layer one unit distance
-//! thick, and without opacities extinction rises linearly from 0 to [`Options::extinction`].
+//! thick, and without opacities extinction rises linearly from 0 to [`Options::extinction`], in diverging maps from the
+//! middle of the range to both ends.
 
 mod maps;
 mod medical;
@@ -55,6 +56,11 @@ pub(crate) fn is_builtin(name: &str) -> bool {
     entries().any(|entry| entry.name == name)
 }
 
+/// Returns the unit of the densities of the function of this name.
+pub(super) fn unit(name: &str) -> Option<&'static str> {
+    entries().find(|entry| entry.name == name).map(|entry| entry.unit)
+}
+
 /// Returns the names that a mistyped one may mean, the nearest first.
 pub(super) fn nearest(name: &str) -> Vec<&'static str> {
     let typed = name.to_lowercase().replace('_', "-").replace("gray", "grey");
@@ -88,6 +94,7 @@ impl Entry {
                 let steps: Vec<_> = knots.iter().map(|k| format!("{} at {}", k[1], k[0])).collect();
                 format!("opacity {}", steps.join(", "))
             }
+            None if preset.diverging => "extinction 0 in the middle, rising to 1 at both ends".into(),
             None => "extinction 0 at the low end, rising to 1 at the high end".into(),
         };
         Builtin {
@@ -146,6 +153,22 @@ mod tests {
             let got = at(name, density);
             // Tables hold whole levels, and so do the published numbers; the grey is CIE lightness 50.
             (0..3).for_each(|c| assert!((shown(got[c]) - expected[c]).abs() < 1.0, "{name} {density}: {got:?}"));
+        }
+    }
+
+    #[test]
+    fn diverging_maps_are_clear_in_the_middle_and_rise_to_both_ends() {
+        for name in ["diverging", "diverging-purple-orange"] {
+            for (density, extinction) in [(-3.0, 1.0), (-1.0, 1.0), (-0.25, 0.25), (0.0, 0.0), (0.5, 0.5), (2.0, 1.0)] {
+                assert!((at(name, density)[3] - extinction).abs() < 1e-12, "{name} {density}");
+            }
+            // Paler towards the middle, of another hue on each side.
+            let spread = |[r, g, b, _]: Rgbs| r.max(g).max(b) - r.min(g).min(b);
+            assert!(spread(at(name, 0.0)) < 0.01 && spread(at(name, -1.0)) > 0.1 && spread(at(name, 1.0)) > 0.1);
+            assert!(at(name, -1.0)[2] > at(name, -1.0)[0] && at(name, 1.0)[0] > at(name, 1.0)[2]);
+            let options = Options { range: Some([-20.0, 40.0]), extinction: Some(3.0), ..Options::default() };
+            let moved = super::super::load(std::path::Path::new(name), &options).unwrap().transfer.table().unwrap();
+            assert_eq!((moved.at(10.0)[3], moved.at(40.0)[3]), (0.0, 3.0), "{name}");
         }
     }
 

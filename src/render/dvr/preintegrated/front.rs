@@ -37,7 +37,7 @@ pub(super) struct Front<'a, R: Real> {
 }
 
 impl<'a, R: Real> Front<'a, R> {
-    /// Creates the state at the eye, before any segment, at density zero, for an attempt at a ray that ends at an
+    /// Creates the state at the eye, before any segment, at the background, for an attempt at a ray that ends at an
     /// optical depth.
     #[inline(always)]
     pub(crate) fn new(
@@ -55,7 +55,7 @@ impl<'a, R: Real> Front<'a, R> {
             budget: Budget::new(attempt),
             cell: u32::MAX,
             noise: R::ZERO,
-            last: tables.zero,
+            last: tables.outside,
             share: R::of(BRICK_END),
             depth: 0.0,
             transmittance: R::ONE,
@@ -138,10 +138,10 @@ impl<'a, R: Real> Front<'a, R> {
         true
     }
 
-    /// Adds a last segment of constant density zero.
+    /// Adds a last segment of the background's density.
     #[inline(always)]
     pub(crate) fn add_gap(&mut self, length: f64) {
-        let [red, green, blue, extinction] = self.tables.zero.values.store().map(Real::f64);
+        let [red, green, blue, extinction] = self.tables.outside.values.store().map(Real::f64);
         let depth = length * extinction;
         let absorbed = -(-depth).exp_m1() * self.transmittance.f64();
         self.emitted[0] += red * absorbed;

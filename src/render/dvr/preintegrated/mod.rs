@@ -43,11 +43,12 @@ use visit::{BatchGradient, Visit};
 #[derive(Debug, Clone)]
 pub(super) struct Preintegrated<R: Real> {
     tables: Cumulative<R>,
-    /// Bricks that rays visit; elsewhere the density is zero if gaps count, else nothing is absorbed.
+    /// Bricks that rays visit; elsewhere the density is the background if gaps count, else
+    /// nothing is absorbed.
     occupied: Topology,
     /// Spacing of nodes, by brick.
     spacing: Vec<Spacing<R>>,
-    /// True if the medium absorbs at density zero, so that gaps between bricks count.
+    /// True if the medium absorbs at the background, so that gaps between bricks count.
     gaps: bool,
 }
 
@@ -67,8 +68,9 @@ impl<R: Real> Preintegrated<R> {
         visible: &Topology,
     ) -> Self {
         let (low, high) = field.range();
-        let tables = Cumulative::new((table, scale), tolerance, curve, [low, high].map(Real::f64));
-        let gaps = table.at(0.0)[3] > 0.0;
+        let (range, background) = ([low, high].map(Real::f64), field.background);
+        let tables = Cumulative::new((table, scale), tolerance, curve, range, background);
+        let gaps = table.at(background.f64())[3] > 0.0;
         let voxel = field.transform.voxel_size().max_element();
         let spacing = |values: &[R]| {
             let roughness = roughness(values);
@@ -87,7 +89,7 @@ impl<R: Real> Preintegrated<R> {
             Spacing { density: R::of(distance.map_or(0.0, f64::recip)), roughness }
         };
         let bricks: Vec<(Spacing<R>, bool)> =
-            field.values.par_chunks(BRICK).map(|v| (spacing(v), v.iter().any(|v| *v != R::ZERO))).collect();
+            field.values.par_chunks(BRICK).map(|v| (spacing(v), v.iter().any(|v| *v != background))).collect();
         // Where gaps count, a brick that is clear is none.
         let occupied = if gaps { field.topology.masked(|brick| bricks[brick].1) } else { visible.clone() };
         let spacing = bricks.into_iter().map(|(spacing, _)| spacing).collect();

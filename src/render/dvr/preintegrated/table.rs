@@ -33,8 +33,8 @@ pub(super) struct Cumulative<R: Real> {
     outmost: [R; 2],
     /// Difference of densities up to which they are treated as equal.
     pub same: R,
-    /// Begin of every ray, at density zero.
-    pub zero: End<R>,
+    /// Begin of every ray, at the background.
+    pub outside: End<R>,
     /// Total variation of the function, which bounds the error of nodes too far apart.
     pub variation: Variation<R>,
     /// Error that is allowed along a ray, in units of the brightest color.
@@ -48,9 +48,15 @@ pub(super) struct Cumulative<R: Real> {
 const BEYOND: f64 = 1e6;
 
 impl<R: Real> Cumulative<R> {
-    /// Creates the sums of a table whose extinctions are multiplied by `scale`; `tolerance` is the error allowed along
-    /// a ray, in units of the brightest color.
-    pub(crate) fn new((table, scale): (&Table, f64), tolerance: f64, curve: &Curve<R, 3>, range: [f64; 2]) -> Self {
+    /// Creates the sums of a table whose extinctions are multiplied by `scale`, for a field of this range of densities
+    /// and this background; `tolerance` is the error allowed along a ray, in units of the brightest color.
+    pub(crate) fn new(
+        (table, scale): (&Table, f64),
+        tolerance: f64,
+        curve: &Curve<R, 3>,
+        range: [f64; 2],
+        background: R,
+    ) -> Self {
         let knots = table.knots();
         let (first, last) = (knots[0], knots[knots.len() - 1]);
         let rounded = |v: f64| R::of(v).f64();
@@ -87,7 +93,7 @@ impl<R: Real> Cumulative<R> {
         let scale = (last - first).max(first.abs()).max(last.abs());
         let pieces: Vec<Piece<R>> = pieces.collect();
         Self {
-            zero: End::new(&pieces, curve.find(R::ZERO), R::ZERO),
+            outside: End::new(&pieces, curve.find(background), background),
             pieces,
             outmost: [R::of(first - BEYOND * scale), R::of(last + BEYOND * scale)],
             same: R::of(1e-6 * scale),
