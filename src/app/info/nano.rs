@@ -51,7 +51,7 @@ pub(crate) fn summary(path: &Path, limits: Limits) -> Result<Summary> {
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "NanoVDB {}, {} grids; cumulo convert makes a .vdb of it", self.version, self.grids.len())?;
+        writeln!(f, "NanoVDB {}, {} grids", self.version, self.grids.len())?;
         for grid in &self.grids {
             let (name, kind, class, voxels) = (printable(&grid.name), grid.value_type, grid.class, grid.active_voxels);
             let codec = format!("{:?}", grid.codec).to_lowercase();
