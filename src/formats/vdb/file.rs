@@ -201,6 +201,12 @@ impl File {
         if let [only] = scalar.as_slice() {
             return Ok(only.name.clone());
         }
+        // Scans of integers have no others.
+        if let [only] = entries
+            && only.grid_type == "Tree_int32_5_4_3"
+        {
+            return Ok(only.name.clone());
+        }
         if entries.is_empty() {
             return Err(Error::invalid("the file has no grids")
                 .coded(Code::NoSuchGrid)
