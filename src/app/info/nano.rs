@@ -6,7 +6,6 @@ use crate::formats::limits::Limits;
 use crate::formats::nanovdb::{Codec, Entry, File};
 use crate::scene::statistics::Statistics;
 use crate::text::printable;
-use crate::wording::worded;
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
@@ -72,7 +71,7 @@ pub(crate) fn summary(path: &Path, limits: Limits) -> Result<Summary> {
     let grid = |(e, values): (&Entry, Result<Values>)| {
         let (values, unread) = match values {
             Ok(values) => (Some(values), None),
-            Err(error) if error.kind() == Kind::Unsupported => (None, Some(worded(&error.what()).into_owned())),
+            Err(error) if error.kind() == Kind::Unsupported => (None, Some(error.what().into_owned())),
             Err(error) => return Err(error),
         };
         Ok(Grid {

@@ -1,7 +1,7 @@
 //! Grids of scans and of NanoVDBs, made as a conversion to a VDB makes them.
 
 use super::ScanSettings;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::format::Format;
 use crate::formats::imaging::ImageFormat;
 use crate::formats::imaging::image::{Header, Image};
@@ -94,7 +94,13 @@ impl Grids for Scan {
     fn read(&self, index: usize, limits: Limits) -> Result<NativeGrid> {
         let name = self.list.get(index).map_or(NAME, |(name, _)| name);
         let mut image = self.image(index)?;
-        volume::build(&mut image, &settings(name, self.grid_type, limits), |_, _| {}).map(|(native, _)| native)
+        let built = volume::build(&mut image, &settings(name, self.grid_type, limits), |_, _| {});
+        built.map(|(native, _)| native).map_err(|e| match e.code() {
+            Code::MemoryLimit => e.instead(
+                "raise ⟨max_memory⟩, or make a VDB in which more is background with ⟨convert.threshold⟩ or ⟨convert.map⟩",
+            ),
+            _ => e,
+        })
     }
 }
 
