@@ -35,6 +35,7 @@ pub use crate::app::progress::{Event, Progress};
 pub use crate::app::reconstruct::{ColorSettings, DensitySettings, RegionSettings, TransferFunctionSettings};
 pub use crate::app::render::{AccuracySettings, MergeSettings, RenderSettings};
 pub use crate::app::report::PageSettings;
+pub use crate::app::scan::ScanSettings;
 pub use crate::app::selftest::SelftestSettings;
 pub use crate::app::transfer::TransferSettings;
 pub use crate::app::usd::author::AuthorSettings;

@@ -1,6 +1,9 @@
 //! Files that the paths of settings lead to. They are protected before a use case looks at its outputs.
 
+use crate::app::scan::ScanSettings;
+use crate::app::{sequence, volume};
 use crate::formats::format::FileKind;
+use crate::formats::imaging::zarr;
 use crate::formats::limits::Limits;
 use crate::formats::sequence::Pattern;
 use crate::formats::{captures, protected, registry, scene_file};
@@ -17,10 +20,13 @@ pub(crate) fn protect<'p>(paths: impl IntoIterator<Item = &'p Path>, limits: Lim
 /// Returns the files that a path leads to: those of a sequence, those in a folder, the cameras, pictures and masks of a
 /// capture, what a scene file names, and the file itself.
 fn files(path: &Path, limits: Limits) -> Vec<PathBuf> {
-    if let Some(pattern) = Pattern::parse(path) {
+    if let Some(pattern) = sequence::pattern(path) {
         return frames(&pattern).iter().flat_map(|path| of_file(path, limits)).collect();
     }
     if path.is_dir() && !captures::file(path).exists() {
+        if zarr::is_zarr(path) {
+            return below(path);
+        }
         let entries = std::fs::read_dir(path).into_iter().flatten();
         return entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_file()).collect();
     }
@@ -32,7 +38,7 @@ fn frames(pattern: &Pattern) -> Vec<PathBuf> {
 }
 
 fn of_file(path: &Path, limits: Limits) -> Vec<PathBuf> {
-    let mut all = vec![path.to_path_buf()];
+    let mut all = volume::files(path, &ScanSettings::default(), limits);
     if registry::sniff(path).is_ok_and(|format| matches!(format.kind, FileKind::Capture)) {
         all.extend(captures::files(path));
         match captures::stated_within(path, limits) {
@@ -44,6 +50,13 @@ fn of_file(path: &Path, limits: Limits) -> Vec<PathBuf> {
         }
     }
     all
+}
+
+/// Returns the files in a folder and below it.
+fn below(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten();
+    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    paths.flat_map(|path| if path.is_dir() && !path.is_symlink() { below(&path) } else { vec![path] }).collect()
 }
 
 /// Returns the files that a scene file names.

@@ -43,6 +43,7 @@ pub mod render;
 pub mod renewed;
 pub mod report;
 pub mod run;
+pub mod scan;
 pub mod selftest;
 pub mod sequence;
 pub mod statistics;

@@ -4,11 +4,11 @@ use super::pictures::renderer::LeftOut;
 use super::pictures::{Cameras, PictureSettings};
 use super::provenance::Provenance;
 use super::render::remarks;
+use super::sequence;
 use super::up::ChosenUp;
 use crate::app::Context;
 use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
-use crate::formats::sequence::Pattern;
 use crate::plan::pilot::{self, Cost};
 use crate::plan::{CONFIDENCE, Integrator, Plan, State};
 use crate::scene::camera::Camera;
@@ -140,7 +140,7 @@ impl PlanSettings {
         if let Some(input) = pictures.sequence_of_folder()? {
             pictures.input = input;
         }
-        if let Some(pattern) = Pattern::parse(&pictures.input) {
+        if let Some(pattern) = sequence::pattern(&pictures.input) {
             let numbers = pattern.numbers()?;
             pictures.frame = self.frame.or(numbers.first().copied());
             pictures.input = pattern.path(pictures.frame.unwrap_or_default());

@@ -104,7 +104,8 @@ impl Provenance {
         Ok(())
     }
 
-    /// Adds inputs that are one file each. A file that several frames depend on is read once.
+    /// Adds inputs that are one file each, or folders of which every file counts. A file that several frames depend on is
+    /// read once.
     ///
     /// # Errors
     /// If a file cannot be read.
@@ -209,15 +210,37 @@ fn digits(hash: Sha256) -> String {
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
+/// Adds the bytes of all files in a folder and below it, in the order of their names.
+fn add_folder(hash: &mut Sha256, folder: &Path) -> Result<()> {
+    let mut entries = std::fs::read_dir(folder)
+        .and_then(|entries| entries.map(|entry| entry.map(|entry| entry.path())).collect::<std::io::Result<Vec<_>>>())
+        .map_err(|e| Error::io(folder, e))?;
+    entries.sort();
+    for path in entries {
+        match std::fs::metadata(&path).map_err(|e| Error::io(&path, e))? {
+            metadata if metadata.is_file() => add(hash, &path)?,
+            // Links to folders may lead in circles.
+            metadata if metadata.is_dir() && !path.is_symlink() => add_folder(hash, &path)?,
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
 /// Length of a file and when it was changed: as long as they stay, its hash does.
 type Stamp = (u64, Option<SystemTime>);
 
 /// Hashes of the files that were read before.
 static KNOWN: Mutex<BTreeMap<PathBuf, (Stamp, String)>> = Mutex::new(BTreeMap::new());
 
-/// Returns the hash of a file's bytes.
+/// Returns the hash of a file's bytes, or of those of all files in a folder.
 fn hash_of(path: &Path) -> Result<String> {
     let metadata = std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
+    if metadata.is_dir() {
+        let mut hash = Sha256::new();
+        add_folder(&mut hash, path)?;
+        return Ok(digits(hash));
+    }
     let stamp = (metadata.len(), metadata.modified().ok());
     let known = || KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some((_, text)) = known().get(path).filter(|(before, _)| *before == stamp) {

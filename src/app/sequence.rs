@@ -1,5 +1,6 @@
 //! Sequences of files, and which of their frames are worked on.
 
+use crate::app::volume;
 use crate::error::{Error, Result};
 use crate::formats::format::FileKind;
 use crate::formats::sequence::{Frames, Pattern};
@@ -67,10 +68,10 @@ impl FrameSelection {
         if path.is_dir() && captures::file(path).exists() {
             return Ok(Vec::new());
         }
-        // Images of other formats are frames where they are converted, and may lie beside the sequences of a folder.
+        // Scans are frames where they are converted or named by a pattern, and may lie beside the sequences of a folder.
         let endings = registry::frame_endings(|kind| !matches!(kind, FileKind::Image(_)));
         let all = self.all(path, &endings)?;
-        if all.is_empty() && path.is_dir() {
+        if all.is_empty() && path.is_dir() && !volume::is_scan(path) {
             let endings = endings.iter().map(|ending| format!(".{ending}")).collect::<Vec<_>>().join(", ");
             return Err(Error::invalid("the folder holds neither a capture nor a sequence").at(path).hint(format!(
                 "a capture is a transforms.json, a model of COLMAP (cameras and images, .txt or .bin) or the folder \
@@ -81,7 +82,7 @@ impl FrameSelection {
     }
 
     fn all(self, path: &Path, endings: &[&str]) -> Result<Vec<Sequence>> {
-        let patterns = match Pattern::parse(path) {
+        let patterns = match pattern(path) {
             Some(pattern) => vec![pattern],
             None if path.is_dir() => Pattern::in_folder(path, endings)?,
             None => Vec::new(),
@@ -108,12 +109,29 @@ impl FrameSelection {
         Ok(all.pop())
     }
 
-    /// Returns the sequences that two paths name; none for the paths of two files.
+    /// Returns the sequence that a path names, as [`Self::sequence`] does: in a folder one of `kinds`, else one of scans,
+    /// unless the folder is a scan itself.
+    ///
+    /// # Errors
+    /// Those of [`Self::sequence`].
+    pub(crate) fn of_volumes(self, path: &Path, kinds: impl Fn(FileKind) -> bool) -> Result<Option<Sequence>> {
+        let found = self.sequence(path, &registry::frame_endings(kinds))?;
+        if found.is_some() || !path.is_dir() || volume::is_scan(path) {
+            return Ok(found);
+        }
+        self.sequence(path, &registry::frame_endings(|kind| matches!(kind, FileKind::Image(_))))
+    }
+
+    /// Returns the sequences that two paths name by `find`; none for the paths of two files.
     ///
     /// # Errors
     /// If only one of them is a sequence, or frames are selected of files.
-    pub(crate) fn pair(self, [a, b]: [&Path; 2], endings: &[&str]) -> Result<Option<[Sequence; 2]>> {
-        match (self.sequence(a, endings)?, self.sequence(b, endings)?) {
+    pub(crate) fn pair(
+        self,
+        [a, b]: [&Path; 2],
+        find: impl Fn(&Path) -> Result<Option<Sequence>>,
+    ) -> Result<Option<[Sequence; 2]>> {
+        match (find(a)?, find(b)?) {
             (Some(first), Some(second)) => Ok(Some([first, second])),
             (None, None) => self.refuse(a).map(|()| None),
             (first, _) => Err(Error::invalid("this is a file, and the other one is a sequence")
@@ -134,6 +152,12 @@ impl FrameSelection {
             None => Ok(()),
         }
     }
+}
+
+/// Returns the names of the sequence that a path stands for; none for the path of a file, or for a pattern whose files
+/// are the slices of one scan.
+pub(crate) fn pattern(path: &Path) -> Option<Pattern> {
+    Pattern::parse(path).filter(|_| !volume::is_stack(path))
 }
 
 /// Returns the numbers of the frames to work on, in ascending order: those that are asked for, else all from the first

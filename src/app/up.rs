@@ -1,12 +1,13 @@
 //! The up axis that a use case works with: that of the settings, or what the input says.
 
+use crate::app::scan::ScanSettings;
+use crate::app::{sequence, volume};
 use crate::error::Result;
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
-use crate::formats::sequence::Pattern;
+use crate::formats::scene_file;
 use crate::formats::usd::Stage;
 use crate::formats::vdb::File;
-use crate::formats::{registry, scene_file};
 use crate::scene::up::Up;
 use crate::wording::worded;
 use serde::{Deserialize, Serialize};
@@ -54,12 +55,12 @@ impl UpChoice {
         if let Some(axis) = self.stated() {
             return Ok(ChosenUp { axis, reason: worded("⟨up⟩ says so").into() });
         }
-        if let Some(pattern) = Pattern::parse(input) {
+        if let Some(pattern) = sequence::pattern(input) {
             let first = pattern.numbers()?.first().map(|number| pattern.path(*number));
             return first.map_or_else(|| Ok(unstated()), |first| self.of(&first, limits));
         }
-        match registry::sniff(input)?.kind {
-            FileKind::Vdb => Ok(of_file(&File::open(input, limits)?)),
+        match volume::format_of(input)?.kind {
+            FileKind::Vdb | FileKind::NanoVdb => Ok(of_file(&volume::open(input, &ScanSettings::default(), limits)?)),
             FileKind::Usd => {
                 let stage = Stage::open(input, limits)?;
                 let reason = match stage.metadata.up_axis {

@@ -1,29 +1,91 @@
 //! The volume that a use case works on, arranged for rays, with the transfer function that goes with it.
 
+use super::scan::ScanSettings;
+use super::scan::grids::{Nano, Scan};
 use super::transfer::TransferSettings;
 use crate::error::{Error, Result};
-use crate::formats::format::FileKind;
+use crate::formats::format::{FileKind, Format};
+use crate::formats::imaging::tiff;
 use crate::formats::limits::Limits;
 use crate::formats::transfer::Function;
 use crate::formats::vdb::{File, shaded};
-use crate::formats::{registry, transfer};
+use crate::formats::{captures, protected, registry, transfer};
 use crate::scene::bricks::{Bricks, too_large};
 use crate::scene::grid::Grid;
 use crate::scene::transfer::Transfer;
 use crate::scene::volume::Grids;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// Opens an OpenVDB file. Of another file the error says how it becomes one.
+/// Returns the format of an input: that of its content; of a folder that is no capture, or a pattern, that of the scan
+/// whose slices it names.
 ///
 /// # Errors
-/// If the file cannot be read, or is none of OpenVDB.
-pub(crate) fn open(path: &Path, limits: Limits) -> Result<File> {
-    let format = registry::sniff(path)?;
+/// If nothing is there, or it cannot be read.
+pub(crate) fn format_of(path: &Path) -> Result<&'static Format> {
+    let is_image = |kind| matches!(kind, FileKind::Image(_));
+    let folder = path.is_dir() && !captures::file(path).exists();
+    if (folder || !path.exists())
+        && let Some(format) = registry::find(path, is_image).ok().flatten()
+    {
+        return Ok(format);
+    }
+    registry::sniff(path)
+}
+
+/// True for the path of a scan: of a file, of the folder of a series, or of a pattern of slices.
+pub(crate) fn is_scan(path: &Path) -> bool {
+    format_of(path).is_ok_and(|format| matches!(format.kind, FileKind::Image(_)))
+}
+
+/// True for a pattern whose files are the slices of one scan, and not the frames of a sequence.
+pub(crate) fn is_stack(path: &Path) -> bool {
+    !path.exists() && format_of(path).is_ok_and(|format| !format.frames)
+}
+
+/// Returns the files that a volume is read from: the file itself, and those that the header of a scan names, or that
+/// belong to its series. A folder stands for all files in it.
+pub(crate) fn files(path: &Path, scan: &ScanSettings, limits: Limits) -> Vec<PathBuf> {
+    let itself = || vec![path.to_path_buf()];
+    let Ok(Format { kind: FileKind::Image(reader), .. }) = format_of(path) else { return itself() };
+    if path.is_dir() {
+        return itself();
+    }
+    if !path.exists() {
+        return tiff::files(path).unwrap_or_else(|_| itself());
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let open = || scan.reading().and_then(|options| reader.open(path, &options, limits));
+    let (opened, mut files) = protected::recorded(folder, || open().is_ok());
+    if !opened {
+        return itself();
+    }
+    files.insert(path.to_path_buf());
+    files.into_iter().collect()
+}
+
+/// Opens a volume: an OpenVDB file; a NanoVDB; or a scan, which is placed by its header as a conversion places it, and
+/// by `scan` where it does not say. The grids are read as they are asked for. Of another file the error says how it
+/// becomes one.
+///
+/// # Errors
+/// If the file cannot be read, is no volume, or a setting of `scan` has no effect on it.
+pub(crate) fn open(path: &Path, scan: &ScanSettings, limits: Limits) -> Result<File> {
+    let format = format_of(path)?;
     match format.kind {
-        FileKind::Image(_) | FileKind::Unknown => Err(registry::unread(format, path)),
-        FileKind::Exr | FileKind::Picture(_) => Err(Error::invalid("this is a picture, and no volume")
-            .hint("give an OpenVDB file; cumulo compare compares pictures, and cumulo view shows them")
-            .at(path)),
+        FileKind::Unknown => return Err(registry::unread(format, path)),
+        FileKind::Exr | FileKind::Picture(_) => {
+            return Err(Error::invalid("this is a picture, and no volume")
+                .hint("give an OpenVDB file; cumulo compare compares pictures, and cumulo view shows them")
+                .at(path));
+        }
+        _ => scan.check(format, path)?,
+    }
+    match format.kind {
+        FileKind::Image(reader) => {
+            let scan = Scan::open(path, (format, reader), scan, limits)?;
+            Ok(File::of_grids(path, Box::new(scan), limits))
+        }
+        FileKind::NanoVdb => Ok(File::of_grids(path, Box::new(Nano::open(path, limits)?), limits)),
         _ => File::open(path, limits),
     }
 }
@@ -35,10 +97,10 @@ pub(crate) fn open(path: &Path, limits: Limits) -> Result<File> {
 pub(crate) fn read(
     path: &Path,
     name: Option<&str>,
-    function: &TransferSettings,
+    (scan, function): (&ScanSettings, &TransferSettings),
     limits: Limits,
 ) -> Result<(Grid, Option<Transfer>)> {
-    let (grid, function) = read_with_function(path, name, function, limits)?;
+    let (grid, function) = read_with_function(path, name, (scan, function), limits)?;
     Ok((grid, function.map(|function| function.transfer)))
 }
 
@@ -49,11 +111,11 @@ pub(crate) fn read(
 pub(crate) fn read_with_function(
     path: &Path,
     name: Option<&str>,
-    function: &TransferSettings,
+    (scan, function): (&ScanSettings, &TransferSettings),
     limits: Limits,
 ) -> Result<(Grid, Option<Function>)> {
     let requested = function.function(limits)?;
-    let grid = open(path, limits)?.read_fog(name)?;
+    let grid = open(path, scan, limits)?.read_fog(name)?;
     let named = |e: Error| e.part(format!("grid '{}'", grid.name)).at(path);
     let function = match requested {
         Some(function) => Some(function),
@@ -100,6 +162,6 @@ fn ended(mut field: Bricks<f32>, grid: &Grid, transfer: &Transfer, limits: Limit
 ///
 /// # Errors
 /// If it cannot be read or used.
-pub(crate) fn read_pre_shaded(path: &Path, name: Option<&str>, limits: Limits) -> Result<Grids> {
-    Ok(Grids::EmissionExtinction(shaded::read(&open(path, limits)?, name, limits.max_memory)?))
+pub(crate) fn read_pre_shaded(path: &Path, name: Option<&str>, scan: &ScanSettings, limits: Limits) -> Result<Grids> {
+    Ok(Grids::EmissionExtinction(shaded::read(&open(path, scan, limits)?, name, limits.max_memory)?))
 }

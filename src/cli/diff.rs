@@ -4,10 +4,11 @@ use super::args::read_as;
 use super::memory::Memory;
 use super::parse::positive;
 use crate::app::diff::{DiffSettings, Voxels};
+use crate::app::scan::ScanSettings;
 use crate::app::sequence::FrameSelection;
 use std::path::PathBuf;
 
-/// Compare the grids of two VDBs, or of two sequences of them; exit code 1 if they differ
+/// Compare the grids of two volumes, or of two sequences of them; exit code 1 if they differ
 #[derive(Debug, clap::Args)]
 #[command(after_help = "PSNR is taken over the union of the two boxes of active voxels on A's lattice, with the \
     largest |A| as its peak; it is null in JSON for grids of equal values. Where the transforms differ, B \
@@ -18,13 +19,15 @@ use std::path::PathBuf;
     degrees about x, Y-up against Z-up, the report says so. Up axes and creators that differ are told; files that \
     state different up axes differ.")]
 struct DiffArgs {
-    /// The reference
+    /// The reference: VDB, NanoVDB or scan
     a: PathBuf,
-    /// VDB to compare with the reference
+    /// VDB, NanoVDB or scan to compare with the reference
     b: PathBuf,
     /// Compare only this grid
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
+    #[command(flatten)]
+    scan: ScanSettings,
     /// Largest absolute difference that counts as equal
     #[arg(long, value_name = "MAX_ABS", default_value_t = 0.0)]
     tolerance: f64,
@@ -43,6 +46,7 @@ impl From<DiffArgs> for DiffSettings {
             a: args.a,
             b: args.b,
             grid: args.grid,
+            scan: args.scan,
             tolerance: args.tolerance,
             voxels: args.voxels.unwrap_or_default(),
             frames: args.frames,

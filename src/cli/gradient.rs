@@ -5,6 +5,7 @@ use super::memory::Memory;
 use super::parse;
 use super::values::choice;
 use crate::app::gradient::{GradientSettings, LossName, Wrt};
+use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
 use crate::differentiate::loss::prior::{Prior, Weighted};
@@ -22,7 +23,7 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 #[command(group = clap::ArgGroup::new("from").required(true).args(["target", "views"]))]
 struct GradientArgs {
-    /// VDB to differentiate at
+    /// VDB, NanoVDB or scan to differentiate at
     input: PathBuf,
     /// Parameters to differentiate by, one kind or more
     #[arg(long, value_enum, value_delimiter = ',', required = true, value_name = "WHAT,...")]
@@ -110,6 +111,8 @@ struct GradientArgs {
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
     #[command(flatten)]
+    scan: ScanSettings,
+    #[command(flatten)]
     memory: Memory,
 }
 
@@ -142,6 +145,7 @@ impl From<GradientArgs> for GradientSettings {
             output: args.output,
             report: args.report,
             grid: args.grid,
+            scan: args.scan,
             limits: args.memory.limits(),
         }
     }

@@ -3,6 +3,7 @@
 use super::args::read_as;
 use super::memory::Memory;
 use crate::app::info::InfoSettings;
+use crate::app::scan::ScanSettings;
 use crate::app::sequence::FrameSelection;
 use std::path::PathBuf;
 
@@ -19,12 +20,14 @@ struct InfoArgs {
     #[command(flatten)]
     frames: FrameSelection,
     #[command(flatten)]
+    scan: ScanSettings,
+    #[command(flatten)]
     memory: Memory,
 }
 
 impl From<InfoArgs> for InfoSettings {
     fn from(args: InfoArgs) -> Self {
-        Self { files: args.files, frames: args.frames, limits: args.memory.limits() }
+        Self { files: args.files, frames: args.frames, scan: args.scan, limits: args.memory.limits() }
     }
 }
 

@@ -4,6 +4,7 @@ use super::args::read_as;
 use super::memory::Memory;
 use super::parse;
 use crate::app::motion::{MotionSettings, SAMPLES};
+use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::formats::sequence::Frames;
 use std::path::PathBuf;
@@ -16,7 +17,7 @@ use std::path::PathBuf;
 /// give the transfer function and the density scale that the pictures show.
 #[derive(Debug, clap::Args)]
 struct MotionArgs {
-    /// VDB of all frames, or of each: 'smoke.####.vdb'; or a scene file or USD stage
+    /// VDB, NanoVDB or scan of all frames, or of each: 'smoke.####.vdb'; or a scene file or USD stage
     input: PathBuf,
     /// Cameras of the frames, in a transforms.json whose pictures bear the frames' numbers; or the one of all
     #[arg(long, value_name = "CAPTURE")]
@@ -30,6 +31,8 @@ struct MotionArgs {
     /// Grid that pictures show (default: density, else the only scalar one)
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
+    #[command(flatten)]
+    scan: ScanSettings,
     /// Extinction per world unit at a density of 1 (default: that of the cameras' capture)
     #[arg(long, value_name = "S", value_parser = parse::positive)]
     density_scale: Option<f64>,
@@ -64,6 +67,7 @@ impl From<MotionArgs> for MotionSettings {
             output: args.output,
             frames: args.frames,
             grid: args.grid,
+            scan: args.scan,
             density_scale: args.density_scale,
             transfer: args.transfer,
             velocity: args.velocity,

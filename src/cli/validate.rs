@@ -2,6 +2,7 @@
 
 use super::args::read_as;
 use super::memory::Memory;
+use crate::app::scan::ScanSettings;
 use crate::app::sequence::FrameSelection;
 use crate::app::validate::ValidateSettings;
 use std::path::PathBuf;
@@ -14,18 +15,20 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 struct ValidateArgs {
     /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of
-    /// either) with their pictures, and sequences of files
+    /// either) with their pictures, scans and arrays in the formats that `cumulo convert` reads, and sequences of files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
     frames: FrameSelection,
+    #[command(flatten)]
+    scan: ScanSettings,
     #[command(flatten)]
     memory: Memory,
 }
 
 impl From<ValidateArgs> for ValidateSettings {
     fn from(args: ValidateArgs) -> Self {
-        Self { files: args.files, frames: args.frames, limits: args.memory.limits() }
+        Self { files: args.files, frames: args.frames, scan: args.scan, limits: args.memory.limits() }
     }
 }
 

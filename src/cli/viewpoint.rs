@@ -4,6 +4,7 @@ use super::args::read_as;
 use super::memory::Memory;
 use super::parse;
 use crate::app::pictures::DensityScale;
+use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
 use crate::app::viewpoint::ViewpointSettings;
@@ -17,7 +18,7 @@ use std::path::PathBuf;
 /// there (exit code 130); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 struct ViewpointArgs {
-    /// VDB to look at
+    /// VDB, NanoVDB or scan to look at
     input: PathBuf,
     /// Capture (JSON) for the cameras
     #[arg(long, short, value_name = "OUT.json")]
@@ -71,6 +72,8 @@ struct ViewpointArgs {
     /// Grid to look at (default: density, else the only scalar one)
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
+    #[command(flatten)]
+    scan: ScanSettings,
     /// Start from the viewpoints of this capture as well, whatever made it
     #[arg(long, value_name = "IN.json")]
     init: Option<PathBuf>,
@@ -103,6 +106,7 @@ impl From<ViewpointArgs> for ViewpointSettings {
             transfer: args.transfer,
             quadrature: args.quadrature,
             grid: args.grid,
+            scan: args.scan,
             init: args.init,
             resume: args.resume,
             report: args.report,

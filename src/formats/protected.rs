@@ -6,7 +6,7 @@
 //! the same file. Work that goes on at once in a process protects its inputs together.
 
 use crate::error::{Code, Error, Result};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::Metadata;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -15,13 +15,15 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Device and inode.
 type Identity = (u64, u64);
 
-static STATE: Mutex<State> = Mutex::new(State { watches: 0, files: BTreeMap::new() });
+static STATE: Mutex<State> = Mutex::new(State { watches: 0, files: BTreeMap::new(), records: Vec::new() });
 
 struct State {
     /// Number of those who watch.
     watches: usize,
     /// Protected files by the path that led to them first.
     files: BTreeMap<Identity, PathBuf>,
+    /// Files that were opened since each recording began.
+    records: Vec<(u64, BTreeSet<PathBuf>)>,
 }
 
 fn state() -> MutexGuard<'static, State> {
@@ -63,9 +65,28 @@ pub(crate) fn add(path: &Path) {
 /// Protects a file that a reader has opened, if someone watches.
 pub(super) fn opened(path: &Path, metadata: &Metadata) {
     let mut state = state();
+    for (_, record) in &mut state.records {
+        record.insert(path.to_path_buf());
+    }
     if state.watches > 0 {
         state.files.entry(identity(metadata)).or_insert_with(|| path.to_path_buf());
     }
+}
+
+/// Returns what `work` returns, and the files in or below `folder` that were opened meanwhile.
+pub(crate) fn recorded<T>(folder: &Path, work: impl FnOnce() -> T) -> (T, BTreeSet<PathBuf>) {
+    let number = {
+        let mut state = state();
+        let number = state.records.last().map_or(0, |(last, _)| last + 1);
+        state.records.push((number, BTreeSet::new()));
+        number
+    };
+    let result = work();
+    let mut state = state();
+    let at = state.records.iter().position(|(other, _)| *other == number);
+    let files = at.map(|at| state.records.remove(at).1).unwrap_or_default();
+    // Other work of the process may have opened files elsewhere.
+    (result, files.into_iter().filter(|file| file.starts_with(folder)).collect())
 }
 
 /// Reads a file that is an output of an earlier run, and may be replaced all the same unless it was protected before.

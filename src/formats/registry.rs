@@ -184,7 +184,7 @@ pub static FORMATS: &[&Format] = &[
         name: "NIfTI",
         phrase: "a NIfTI image",
         endings: &["nii", "nii.gz", "hdr", "img"],
-        frames: false,
+        frames: true,
         recognizes: is_nifti,
         kind: FileKind::Image(&ImageFormat {
             read: |path, options, _| nifti::open(path, options),
@@ -203,7 +203,7 @@ pub static FORMATS: &[&Format] = &[
         name: "NRRD",
         phrase: "an NRRD image",
         endings: &["nrrd", "nhdr"],
-        frames: false,
+        frames: true,
         recognizes: |_, start| Ok(start.starts_with(b"NRRD000")),
         kind: FileKind::Image(&ImageFormat {
             read: |path, options, _| nrrd::open(path, options),
@@ -219,7 +219,7 @@ pub static FORMATS: &[&Format] = &[
         name: "MetaImage",
         phrase: "a MetaImage",
         endings: &["mha", "mhd"],
-        frames: false,
+        frames: true,
         recognizes: |_, start| Ok(meta_image::is_meta_image(start)),
         kind: FileKind::Image(&ImageFormat {
             read: |path, _, _| meta_image::open(path),
@@ -238,7 +238,7 @@ pub static FORMATS: &[&Format] = &[
         name: ".vti",
         phrase: "image data of VTK",
         endings: &["vti"],
-        frames: false,
+        frames: true,
         recognizes: |_, start| Ok(vtk::is_xml(start)),
         kind: FileKind::Image(&ImageFormat {
             read: vtk::open_xml,
@@ -254,7 +254,7 @@ pub static FORMATS: &[&Format] = &[
         name: "legacy VTK",
         phrase: "a legacy file of VTK",
         endings: &["vtk"],
-        frames: false,
+        frames: true,
         recognizes: |_, start| Ok(start.starts_with(b"# vtk DataFile")),
         kind: FileKind::Image(&ImageFormat {
             read: |path, options, _| vtk::open_legacy(path, options),
@@ -266,7 +266,7 @@ pub static FORMATS: &[&Format] = &[
         name: "MRC",
         phrase: "an MRC map",
         endings: &["mrc", "map", "ccp4"],
-        frames: false,
+        frames: true,
         recognizes: |path, start| Ok(mrc::is_mrc(start) || mrc::is_packed_mrc(path, start)?),
         kind: FileKind::Image(&ImageFormat {
             read: |path, _, _| mrc::open(path).map(|image| vec![image]),
@@ -346,18 +346,19 @@ pub(crate) fn frame_endings(wanted: impl Fn(FileKind) -> bool) -> Vec<&'static s
 
 /// Returns the error for a file whose format a command does not read: what the file is, if a conversion leads on.
 pub fn unread(format: &Format, path: &Path) -> Error {
-    match format.kind {
-        FileKind::Image(_) => Error::unsupported(format!("this is {}, and this command reads OpenVDB", format.name))
-            .hint("convert it first: cumulo convert IN OUT.vdb; cumulo info lists what it holds"),
-        _ => Error::unsupported("no file of a known kind").hint(format!(
+    let words = match format.kind {
+        FileKind::Unknown => "no file of a known kind".to_owned(),
+        _ => format!("this is {}, which this command does not read", format.phrase),
+    };
+    Error::unsupported(words)
+        .hint(format!(
             "OpenVDB files, USD stages and pictures ({}) are understood, and captures: a transforms.json, a model of \
-             COLMAP, or the folder that holds one; grids of {} become an OpenVDB file with cumulo convert",
+             COLMAP, or the folder that holds one; and grids of {}, which become an OpenVDB file with cumulo convert",
             listed(&names(FileKind::is_picture), "and"),
-            listed(&names(|kind| matches!(kind, FileKind::Image(_))), "and")
-        )),
-    }
-    .coded(Code::UnknownFormat)
-    .at(path)
+            listed(&names(|kind| matches!(kind, FileKind::Image(_) | FileKind::NanoVdb)), "and")
+        ))
+        .coded(Code::UnknownFormat)
+        .at(path)
 }
 
 #[cfg(test)]

@@ -41,6 +41,7 @@ mod reconstruct;
 mod reconstruct_tf;
 mod render;
 mod report;
+mod scans;
 mod scattering;
 mod schemas;
 mod selftest;

@@ -322,7 +322,7 @@ fn uneven_missing_doubled_and_turned_slices_are_named() {
         ..s.clone()
     }));
     let (header, values) = read_slices(&twice).unwrap();
-    assert!(header.size == [4, 3, 5] && header.notes.iter().any(|n| n.contains("⟨time")), "{header:?}");
+    assert!(header.size == [4, 3, 5] && header.notes.iter().any(|n| n.contains("⟨time_point")), "{header:?}");
     assert_eq!(values[0], f64::from(all[0].values[0]) * 2.0 - 1024.0);
 }
 

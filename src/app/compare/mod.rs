@@ -143,7 +143,7 @@ impl CompareSettings {
             }
             return self.test(context).map(CompareReport::Statistical);
         }
-        if let Some([a, b]) = &self.frames.pair([&self.a, &self.b], EXR.endings)? {
+        if let Some([a, b]) = &self.frames.pair([&self.a, &self.b], |path| self.frames.sequence(path, EXR.endings))? {
             drop(stage);
             return self.sequences([a, b], context).map(CompareReport::Sequences);
         }

@@ -30,7 +30,7 @@ impl ConvertSettings {
         let info = native.info().map_err(place)?;
         let lost = losses(&name, &tally, info.components);
         let source = Source::new(&native, limits).map_err(place)?;
-        let axes = self.images.axes();
+        let axes = self.images.scan.axes();
         let mut notes = target.write(&self.output, &source, &name, axes)?;
         notes.extend(lost);
         drop(stage);
@@ -58,10 +58,10 @@ impl ConvertSettings {
 
     /// The grid as it is, or after the steps of its values.
     fn prepared(&self, native: NativeGrid) -> Result<(NativeGrid, Tally)> {
-        if !self.values.any() && self.images.grid_type.is_none() {
+        if !self.values.any() && self.images.scan.grid_type.is_none() {
             return Ok((native, Tally::default()));
         }
-        volume::mapped(&native, self.images.grid_type(false), &self.values.mapping(), self.limits)
+        volume::mapped(&native, self.images.scan.grid_type(false), &self.values.mapping(), self.limits)
     }
 
     /// Name of the grid that becomes an image: that of `grid`, the only one, or the density.

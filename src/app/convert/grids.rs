@@ -155,8 +155,8 @@ impl ConvertSettings {
             edit.converted.formed = form.give(edit.native, &edit.info, self.edits.iso, &room)?;
             edit.info = edit.native.info()?;
         }
-        if self.values.any() || self.images.grid_type.is_some() {
-            edit.map(self.images.grid_type(false), &self.values.mapping())?;
+        if self.values.any() || self.images.scan.grid_type.is_some() {
+            edit.map(self.images.scan.grid_type(false), &self.values.mapping())?;
         }
         edit.hold()?;
         if let Some(repair) = self.repair {

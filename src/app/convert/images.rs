@@ -1,43 +1,22 @@
 //! Images: which part of a file is read, where its voxels lie, and what becomes of its values.
 
 use super::report::GridPlace;
+use crate::app::scan::ScanSettings;
 use crate::error::{Error, Result};
-use crate::formats::imaging::options::{Axes, Options as ReadOptions, RawLayout};
+use crate::formats::imaging::options::{Options as ReadOptions, RawLayout};
 use crate::formats::imaging::values::{Mapping, Tally};
-use crate::formats::imaging::volume::GridType;
 use crate::formats::sample::{Endian, Sample};
-use crate::math::Affine;
 use crate::text::printable;
-use glam::{DMat4, DVec3, DVec4};
 use serde::{Deserialize, Serialize};
 
 /// Part of an image that is read, and where its voxels lie.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ImageSettings {
-    /// Number of the point in time, from 0; none for the first one.
-    pub time: Option<usize>,
-    /// OME-Zarr: number of the channel, from 0; none for the first one.
-    pub channel: Option<usize>,
-    /// OME-Zarr: number of the resolution, 0 for the finest; none for the finest that fits into memory.
-    pub level: Option<usize>,
-    /// DICOM: UID of the series, of a folder with several.
-    pub series: Option<String>,
-    /// Name of the array, of a file with several; none for all.
-    pub array: Option<String>,
-    /// Type of the grid's values; none for integers of images of integers, except NumPy's, else floats.
-    #[serde(rename = "as")]
-    pub grid_type: Option<GridType>,
-    /// Order of the axes of NumPy's arrays, the slowest first; none for xyz.
-    pub axes: Option<Axes>,
-    /// Edge of a voxel in world units, for arrays, stacks and raw files.
-    pub voxel_size: Option<f64>,
-    /// Edges of a voxel along x, y and z in world units, in the place of `voxel_size`.
-    pub spacing: Option<[f64; 3]>,
-    /// World position of the centre of the first voxel, for arrays, stacks and raw files; none for the origin.
-    pub origin: Option<[f64; 3]>,
-    /// First three rows of the matrix from indices to the world, acting on columns, in the place of the three above.
-    pub transform: Option<[[f64; 4]; 3]>,
+    /// Part that is read, and where its voxels lie; of several points in time or channels the first one is read unless
+    /// another is chosen.
+    #[serde(flatten)]
+    pub scan: ScanSettings,
     /// Voxels along x (the fastest), y and z of numbers without a header.
     pub dims: Option<[usize; 3]>,
     /// Type of the numbers of a raw file.
@@ -75,39 +54,8 @@ impl ImageSettings {
             endian: self.endian.unwrap_or_default(),
             skip: self.skip.unwrap_or(0),
         });
-        Ok(ReadOptions {
-            time: self.time,
-            channel: self.channel,
-            level: self.level,
-            series: self.series.clone(),
-            array: self.array.clone(),
-            spacing: self.spacing.map(DVec3::from_array).or(self.voxel_size.map(DVec3::splat)),
-            origin: self.origin.map(DVec3::from_array),
-            transform: self.transform.map(|rows| Affine::new(matrix(rows))).transpose()?,
-            axes: self.axes(),
-            raw,
-        })
+        Ok(ReadOptions { raw, ..self.scan.reading()? })
     }
-
-    /// Order of the axes of an array.
-    pub(crate) fn axes(&self) -> Axes {
-        self.axes.unwrap_or_default()
-    }
-
-    /// Type of the grid; arrays of NumPy make floats unless told otherwise.
-    pub(crate) fn grid_type(&self, array: bool) -> GridType {
-        match self.grid_type {
-            Some(stated) => stated,
-            None if array => GridType::Float,
-            None => GridType::Auto,
-        }
-    }
-}
-
-/// Returns the matrix with these first three rows.
-fn matrix(rows: [[f64; 4]; 3]) -> DMat4 {
-    let [x, y, z] = rows.map(DVec4::from_array);
-    DMat4::from_cols(x, y, z, DVec4::W).transpose()
 }
 
 impl ValueSettings {

@@ -6,6 +6,7 @@ use super::{ConvertSettings, FileReport, half};
 use crate::app::Context;
 use crate::app::context::Stage;
 use crate::app::outputs::{self, Content};
+use crate::app::scan::grids::name_of;
 use crate::error::{Error, Result};
 use crate::formats::format::Format;
 use crate::formats::imaging::options::{Axes, ReadOption};
@@ -37,7 +38,7 @@ impl ConvertSettings {
             let left = Limits { max_memory: limits.max_memory.saturating_sub(held) };
             let settings = Settings {
                 name: &name,
-                grid_type: self.images.grid_type(format.kind.heeds(ReadOption::Axes)),
+                grid_type: self.images.scan.grid_type(format.kind.heeds(ReadOption::Axes)),
                 mapping: self.values.mapping(),
                 limits: left,
             };
@@ -78,10 +79,7 @@ impl ConvertSettings {
     /// Names of the grids: that of `grid`, those of the arrays, or `density`.
     fn grid_names(&self, images: &[image::Image]) -> Result<Vec<String>> {
         match (&self.grid[..], images) {
-            ([], _) => {
-                let own = images.iter().map(|i| i.header.name.clone().filter(|n| !n.contains('\0')));
-                Ok(own.map(|n| n.unwrap_or_else(|| "density".into())).collect())
-            }
+            ([], _) => Ok(images.iter().map(|image| name_of(&image.header)).collect()),
             ([name], [_]) => Ok(vec![name.clone()]),
             (names, images) if names.len() == images.len() => Ok(names.to_vec()),
             (names, images) => Err(Error::invalid(format!("{} names for {} grid(s)", names.len(), images.len()))
@@ -102,7 +100,7 @@ impl ConvertSettings {
         if let [only] = &grids[..] {
             report.shape = only.shape.to_vec();
             report.axes = vec!["x", "y", "z"];
-            if format.kind.heeds(ReadOption::Axes) && self.images.axes() == Axes::Zyx {
+            if format.kind.heeds(ReadOption::Axes) && self.images.scan.axes() == Axes::Zyx {
                 report.shape.reverse();
                 report.axes.reverse();
             }

@@ -17,7 +17,10 @@ impl DiffSettings {
     /// If a file cannot be read, a grid is not there, or two grids cannot be compared.
     pub(super) fn files(&self, paths: [&Path; 2], limits: Limits, context: &Context) -> Result<FilesReport> {
         let reading = context.stage("reading");
-        let [a, b] = [volume::open(paths[0], limits)?, volume::open(paths[1], limits)?];
+        let formats = [volume::format_of(paths[0])?, volume::format_of(paths[1])?];
+        self.scan.check_any(&formats, paths[0])?;
+        let open = |i: usize| volume::open(paths[i], &self.scan.of(formats[i]), limits);
+        let [a, b] = [open(0)?, open(1)?];
         let pairs = self.pairs(&a, &b)?;
         let alone = |from: &File, pick: fn(&(String, String)) -> &String| {
             let names = from.entries().iter().map(|e| e.name.clone());

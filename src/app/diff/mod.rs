@@ -11,16 +11,17 @@ pub use frames::SequencesReport;
 pub use report::FilesReport;
 
 use crate::app::Context;
+use crate::app::scan::ScanSettings;
 use crate::app::sequence::FrameSelection;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
-use crate::formats::registry::VDB;
 use crate::metrics::volume::Effort;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Settings of the comparison of the grids of two VDBs, or of two sequences of them.
 ///
@@ -30,14 +31,17 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct DiffSettings {
-    /// VDB that is the reference; or the pattern or the folder of a sequence.
+    /// VDB, NanoVDB or scan that is the reference; or the pattern or the folder of a sequence.
     #[serde(with = "crate::app::paths")]
     pub a: PathBuf,
-    /// VDB to compare with the reference; or the pattern or the folder of a sequence.
+    /// VDB, NanoVDB or scan to compare with the reference; or the pattern or the folder of a sequence.
     #[serde(with = "crate::app::paths")]
     pub b: PathBuf,
     /// Name of the only grid to compare; none for all.
     pub grid: Option<String>,
+    /// Parts of scans that are read, and where their voxels lie.
+    #[serde(flatten)]
+    pub scan: ScanSettings,
     /// Largest absolute difference of values that counts as equal, 0 or more.
     pub tolerance: f64,
     /// Voxels to compare where the transforms differ.
@@ -132,7 +136,9 @@ impl DiffSettings {
             return Err(Error::invalid(format!("⟨tolerance⟩ {}: zero or more is needed", self.tolerance))
                 .hint("give the largest absolute difference of a value that still counts as equal"));
         }
-        if let Some(sequences) = self.frames.pair([&self.a, &self.b], VDB.endings)? {
+        let is_volume = |kind| matches!(kind, FileKind::Vdb | FileKind::NanoVdb);
+        let find = |path: &Path| self.frames.of_volumes(path, is_volume);
+        if let Some(sequences) = self.frames.pair([&self.a, &self.b], find)? {
             return self.sequences(&sequences, context).map(DiffReport::Sequences);
         }
         self.files([&self.a, &self.b], self.limits, context).map(DiffReport::Files)

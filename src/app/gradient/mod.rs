@@ -17,6 +17,7 @@ use crate::app::inputs;
 use crate::app::outputs::{self, Content};
 use crate::app::provenance::Provenance;
 use crate::app::use_case::{Report, Status, use_case};
+use crate::app::volume;
 use crate::differentiate::study::subject::Subject;
 use crate::differentiate::study::{Study, StudyGradient};
 use crate::error::Result;
@@ -26,6 +27,7 @@ use crate::report::Page;
 use crate::scene::grid::Grid;
 use crate::scene::volume::Grids;
 use scene::in_double;
+use std::path::PathBuf;
 
 /// Results that are written once all is computed.
 struct Results {
@@ -59,17 +61,17 @@ impl GradientSettings {
         if let Some(dir) = &self.report {
             outputs::report_folder(dir)?;
         }
-        let (volume, setup) = {
+        let (grids, setup) = {
             let _stage = context.stage("reading the volume");
             self.scene()?
         };
         let up = setup.up.clone();
         up.iter().for_each(|up| context.note(up));
         let target = self.target.as_deref().map(captures::file);
-        for path in [Some(self.input.as_path()), target.as_deref(), self.transfer.file()].into_iter().flatten() {
-            provenance.input(path, [path])?;
-        }
-        let Results { mut report, grids, page } = match volume {
+        let volume_files = volume::files(&self.input, &self.scan, self.limits);
+        let others = [target.as_deref(), self.transfer.file()].into_iter().flatten();
+        provenance.files(volume_files.iter().map(PathBuf::as_path).chain(others))?;
+        let Results { mut report, grids, page } = match grids {
             Grids::Density(field) => self.evaluate(self.study(field, setup, context)?, context)?,
             Grids::EmissionExtinction(volume) => self.evaluate(self.study(volume, setup, context)?, context)?,
         };

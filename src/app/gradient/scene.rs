@@ -83,7 +83,7 @@ impl GradientSettings {
                  else the volume could be",
             ));
         }
-        let mut scene = volume::read_pre_shaded(&self.input, self.grid.as_deref(), self.limits)?;
+        let mut scene = volume::read_pre_shaded(&self.input, self.grid.as_deref(), &self.scan, self.limits)?;
         if let Grids::EmissionExtinction(volume) = &mut scene {
             let shown = target.filter(|c| c.model == Model::PreShaded).map(|c| c.density_scale);
             scale(volume, self.density_scale.or(shown).unwrap_or(1.0)).map_err(|e| e.at(&self.input))?;
@@ -102,7 +102,8 @@ impl GradientSettings {
                 Error::invalid("⟨emission⟩: with ⟨model=absorption⟩ nothing is emitted").hint("leave one of them out")
             );
         }
-        let (grid, loaded) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, self.limits)?;
+        let (grid, loaded) =
+            volume::read(&self.input, self.grid.as_deref(), (&self.scan, &self.transfer), self.limits)?;
         let transfer = self.transfer(loaded, model, target);
         if self.wrt.contains(&Wrt::Tf) && transfer.is_none() {
             return Err(Error::invalid("⟨wrt=tf⟩: there is no transfer function")

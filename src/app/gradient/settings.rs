@@ -1,5 +1,6 @@
 //! Settings of the derivatives of a loss on pictures.
 
+use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
 use crate::differentiate::loss::Loss;
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct GradientSettings {
-    /// VDB to differentiate at.
+    /// VDB, NanoVDB or scan to differentiate at.
     #[serde(with = "crate::app::paths")]
     pub input: PathBuf,
     /// Kinds of parameters to differentiate by.
@@ -78,6 +79,9 @@ pub struct GradientSettings {
     pub report: Option<PathBuf>,
     /// Name of the grid; none for density, else the only scalar one.
     pub grid: Option<String>,
+    /// Part of a scan that is read, and where its voxels lie.
+    #[serde(flatten)]
+    pub scan: ScanSettings,
     /// Memory that the work may take.
     #[serde(flatten)]
     pub limits: Limits,
@@ -112,6 +116,7 @@ impl Default for GradientSettings {
             output: None,
             report: None,
             grid: None,
+            scan: ScanSettings::default(),
             limits: Limits::default(),
         }
     }

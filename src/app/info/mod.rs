@@ -8,8 +8,10 @@ mod volume;
 
 use crate::app::Context;
 use crate::app::failure::Failure;
+use crate::app::scan::ScanSettings;
 use crate::app::sequence::FrameSelection;
 use crate::app::use_case::{Report, Status, use_case};
+use crate::app::volume::format_of;
 use crate::error::{Error, Kind, Result};
 use crate::formats::captures::CaptureSummary;
 use crate::formats::exr::ExrSummary;
@@ -34,6 +36,9 @@ pub struct InfoSettings {
     pub files: Vec<PathBuf>,
     /// Frames of sequences to read.
     pub frames: FrameSelection,
+    /// Parts of scans that are described, and where their voxels lie.
+    #[serde(flatten)]
+    pub scan: ScanSettings,
     /// Memory that the work may take.
     #[serde(flatten)]
     pub limits: Limits,
@@ -97,6 +102,7 @@ impl InfoSettings {
     /// # Errors
     /// If the only file cannot be read or is of an unknown format.
     pub fn run(&self, context: &Context) -> Result<InfoReport> {
+        self.scan.check_files(self.files.iter().map(PathBuf::as_path), self.frames)?;
         let (mut files, mut sequences) = (Vec::new(), Vec::new());
         for path in &self.files {
             match self.sequences(path, context) {
@@ -126,7 +132,7 @@ impl InfoSettings {
         let _stage = context.stage("reading");
         let result = match error {
             Some(error) => Err(error),
-            None => self.frames.refuse(path).and_then(|()| content(path, self.limits)),
+            None => self.frames.refuse(path).and_then(|()| self.content(path, self.limits)),
         };
         let (content, error) = match result {
             Ok(Content::Usd(stage)) => {
@@ -141,21 +147,21 @@ impl InfoSettings {
     }
 }
 
-fn content(path: &Path, limits: Limits) -> Result<Content> {
-    let mut format = registry::sniff(path)?;
-    if path.is_dir() && !captures::file(path).exists() {
-        // A folder that holds no capture: an image of several files, else what a capture lacks.
-        format = registry::find(path, |kind| matches!(kind, FileKind::Image(_)))?.unwrap_or(format);
-    }
-    match format.kind {
-        FileKind::Vdb => volume::summary(path, limits).map(Content::Vdb),
-        FileKind::NanoVdb => nano::summary(path, limits).map(Content::NanoVdb),
-        FileKind::Exr => exr::summary_within(path, limits).map(Content::Exr),
-        FileKind::Picture(reader) => picture::summary(path, format.name, reader).map(Content::Picture),
-        FileKind::Image(reader) => image::summary(path, format.name, reader, limits).map(Content::Image),
-        FileKind::Capture => captures::summary_within(path, limits).map(Content::Capture),
-        FileKind::Usd => usd::summary(path, limits).map(Content::Usd),
-        FileKind::Unknown => Err(registry::unread(format, path)),
+impl InfoSettings {
+    fn content(&self, path: &Path, limits: Limits) -> Result<Content> {
+        let format = format_of(path)?;
+        match format.kind {
+            FileKind::Vdb => volume::summary(path, limits).map(Content::Vdb),
+            FileKind::NanoVdb => nano::summary(path, limits).map(Content::NanoVdb),
+            FileKind::Exr => exr::summary_within(path, limits).map(Content::Exr),
+            FileKind::Picture(reader) => picture::summary(path, format.name, reader).map(Content::Picture),
+            FileKind::Image(reader) => {
+                image::summary(path, (format, reader), &self.scan.of(format), limits).map(Content::Image)
+            }
+            FileKind::Capture => captures::summary_within(path, limits).map(Content::Capture),
+            FileKind::Usd => usd::summary(path, limits).map(Content::Usd),
+            FileKind::Unknown => Err(registry::unread(format, path)),
+        }
     }
 }
 

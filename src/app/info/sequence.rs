@@ -1,6 +1,6 @@
 //! Sequences of files: what each frame holds, in a line.
 
-use super::{Content, Described, InfoSettings, content};
+use super::{Content, Described, InfoSettings};
 use crate::app::Context;
 use crate::app::failure::Failure;
 use crate::app::frame_loop::FrameLoop;
@@ -44,7 +44,7 @@ impl InfoSettings {
     /// If no frame is there.
     pub(super) fn sequence(&self, sequence: &Sequence, context: &Context) -> Result<(Summary, Vec<Described>)> {
         let Present { numbers, first, last, missing } = sequence.present("read")?;
-        let work = |number, limits| content(&sequence.path(number), limits);
+        let work = |number, limits| self.content(&sequence.path(number), limits);
         let results = FrameLoop::steps(&numbers, "reading", context).parallel(self.limits, work)?;
         let mut summary = Summary {
             pattern: sequence.pattern.name(),

@@ -10,6 +10,8 @@ use crate::app::inputs;
 use crate::app::outputs::{self, Content};
 use crate::app::provenance::Provenance;
 use crate::app::ranges;
+use crate::app::scan::ScanSettings;
+use crate::app::sequence;
 use crate::app::transfer::TransferSettings;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
@@ -34,7 +36,7 @@ pub use tracing::{Choices, Tracing};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct MotionSettings {
-    /// VDB of all frames, or a pattern of one for each; or a scene file or USD stage.
+    /// VDB, NanoVDB or scan of all frames, or a pattern of one for each; or a scene file or USD stage.
     #[serde(with = "crate::app::paths")]
     pub input: PathBuf,
     /// Cameras of the frames, in a transforms.json whose pictures bear the frames' numbers; or the one of all.
@@ -47,6 +49,9 @@ pub struct MotionSettings {
     pub frames: Option<Frames>,
     /// Name of the grid that pictures show; none for density, else the only scalar one.
     pub grid: Option<String>,
+    /// Part of a scan that is read, and where its voxels lie.
+    #[serde(flatten)]
+    pub scan: ScanSettings,
     /// Extinction per world unit at a density of 1; none for that of the cameras' capture.
     pub density_scale: Option<f64>,
     /// Transfer function that the pictures show.
@@ -73,6 +78,7 @@ impl Default for MotionSettings {
             output: PathBuf::new(),
             frames: None,
             grid: None,
+            scan: ScanSettings::default(),
             density_scale: None,
             transfer: TransferSettings::default(),
             velocity: None,
@@ -149,6 +155,7 @@ impl MotionSettings {
             density_scale: self.density_scale,
             transfer: self.transfer.load(limits)?,
             velocity: self.velocity.clone().map(|name| (name, self.fps)),
+            scan: self.scan.clone(),
             samples: Some(self.samples),
         };
         let mut tracing = Tracing::new(&self.input, &self.cameras, &numbers, choices, limits)?;
@@ -193,7 +200,7 @@ impl MotionSettings {
             return Ok(frames.numbers().collect());
         }
         let mut of_cameras: Vec<u32> = capture.frames.iter().filter_map(|frame| number_of(&frame.picture)).collect();
-        match Pattern::parse(&self.input) {
+        match sequence::pattern(&self.input) {
             _ if capture.frames.len() > 1 && of_cameras.len() == capture.frames.len() => {
                 of_cameras.sort_unstable();
                 Ok(of_cameras)

@@ -1,16 +1,17 @@
 //! Motions traced from volumes and cameras, frame by frame.
 
 use crate::app::render::between;
-use crate::app::volume;
+use crate::app::scan::ScanSettings;
+use crate::app::{sequence, volume};
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
+use crate::formats::captures;
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::{self, SceneVolume};
 use crate::formats::sequence::Pattern;
 use crate::formats::usd::{self, Overrides, Stage};
 use crate::formats::vdb::{File, velocity};
-use crate::formats::{captures, registry};
 use crate::render::film::{self, Aov, Sampling, View};
 use crate::render::path::PathTracer;
 use crate::scene::camera::Camera;
@@ -29,6 +30,8 @@ use std::sync::Arc;
 pub struct Choices {
     /// Grid that pictures show.
     pub grid: Option<String>,
+    /// Part of a scan that is read, and where its voxels lie.
+    pub scan: ScanSettings,
     /// Extinction per unit of density and length; `None` for that of the capture.
     pub density_scale: Option<f64>,
     /// Transfer function; `None` for that of the capture, if it has one.
@@ -73,7 +76,7 @@ impl Tracing {
     /// If the capture cannot be read or does not fit the frames, or a scene file or a stage is to have another medium.
     pub fn new(input: &Path, cameras: &Path, numbers: &[u32], choices: Choices, limits: Limits) -> Result<Self> {
         let capture = captures::load_within(cameras, limits)?;
-        let volumes = Pattern::parse(input);
+        let volumes = sequence::pattern(input);
         if volumes.is_none() && is_scene(input)? {
             let given = [
                 ("⟨grid⟩", choices.grid.is_some()),
@@ -132,7 +135,9 @@ impl Tracing {
     /// Returns a scene in which nothing shines: rays end where they first meet a volume. Also returns whether other
     /// frames show other volumes of the same file.
     fn scene(&self, input: &Path, number: u32) -> Result<(Scene, bool)> {
-        let loaded = match registry::sniff(input)?.kind {
+        let format = volume::format_of(input)?;
+        self.choices.scan.check(format, input)?;
+        let loaded = match format.kind {
             FileKind::Capture => scene_file::load_within(input, Some(number), self.limits)?,
             FileKind::Usd => {
                 let stage = Stage::open(input, self.limits)?;
@@ -151,18 +156,20 @@ impl Tracing {
 
     /// Returns the scene of a VDB, as the options and the capture have it.
     fn volume(&self, input: &Path) -> Result<Scene> {
-        let Choices { grid: name, density_scale, transfer, velocity, .. } = &self.choices;
+        let Choices { grid: name, density_scale, transfer, velocity, scan, .. } = &self.choices;
         let scale = density_scale.unwrap_or(self.capture.density_scale);
         let velocity = velocity
             .as_ref()
-            .map(|(name, fps)| velocity::read(&volume::open(input, self.limits)?, name, *fps, self.limits.max_memory))
+            .map(|(name, fps)| {
+                velocity::read(&volume::open(input, scan, self.limits)?, name, *fps, self.limits.max_memory)
+            })
             .transpose()?;
         let by_function = [Model::EmissionAbsorption, Model::Scattering].contains(&self.capture.model);
         let transfer = transfer.as_ref().or(self.capture.transfer.as_ref().filter(|_| by_function));
         let field = if self.capture.model == Model::PreShaded && transfer.is_none() {
-            volume::read_pre_shaded(input, name.as_deref(), self.limits)?.density_or_extinction().into_owned()
+            volume::read_pre_shaded(input, name.as_deref(), scan, self.limits)?.density_or_extinction().into_owned()
         } else {
-            let file: File = volume::open(input, self.limits)?;
+            let file: File = volume::open(input, scan, self.limits)?;
             volume::arrange(&file.read_fog(name.as_deref())?, transfer, self.limits).map_err(|e| e.at(input))?
         };
         let source = match transfer {
@@ -182,7 +189,7 @@ impl Tracing {
 /// # Errors
 /// If the file cannot be read.
 fn is_scene(input: &Path) -> Result<bool> {
-    Ok(matches!(registry::sniff(input)?.kind, FileKind::Capture | FileKind::Usd))
+    Ok(matches!(volume::format_of(input)?.kind, FileKind::Capture | FileKind::Usd))
 }
 
 /// Returns a medium of the same extinction that neither shines nor scatters light on.

@@ -2,6 +2,7 @@
 
 use super::scattering::ScatteringSettings;
 use crate::app::ranges;
+use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
 use crate::error::{Error, Result};
@@ -20,8 +21,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct PictureSettings {
-    /// VDB, USD stage, or scene file in JSON, to render; a pattern such as smoke.####.vdb or a folder of numbered VDBs
-    /// is a sequence.
+    /// VDB, NanoVDB, scan, USD stage, or scene file in JSON, to render; a pattern such as smoke.####.vdb or a folder of
+    /// numbered VDBs is a sequence.
     #[serde(with = "crate::app::paths")]
     pub input: PathBuf,
     /// Number of the frame, where a sequence is rendered.
@@ -76,6 +77,9 @@ pub struct PictureSettings {
     pub supersample: u32,
     /// Name of the grid; none for density, else the only scalar one.
     pub grid: Option<String>,
+    /// Part of a scan that is shown, and where its voxels lie.
+    #[serde(flatten)]
+    pub scan: ScanSettings,
     /// Light that is scattered.
     #[serde(flatten)]
     pub scattering: ScatteringSettings,
@@ -116,6 +120,7 @@ impl Default for PictureSettings {
             gradient_scale: 0.0,
             supersample: 1,
             grid: None,
+            scan: ScanSettings::default(),
             scattering: ScatteringSettings::default(),
             planning: PlanningSettings::default(),
             limits: Limits::default(),

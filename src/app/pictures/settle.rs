@@ -9,10 +9,10 @@ use super::stage::SIZE;
 use super::subject::Subject;
 use crate::app::Context;
 use crate::app::provenance::Provenance;
+use crate::app::volume::format_of;
 use crate::cancel::Cancel;
 use crate::error::Result;
 use crate::formats::format::FileKind;
-use crate::formats::registry::sniff;
 use crate::formats::sequence::Pattern;
 use crate::plan::Effect;
 use crate::scene::camera::Camera;
@@ -58,7 +58,7 @@ impl PictureSettings {
         let auto = self.density_scale == Some(DensityScale::Auto);
         let plans = self.planning.max_omitted > 0.0;
         let moves =
-            pattern.is_some() || sniff(&self.input).is_ok_and(|format| matches!(format.kind, FileKind::Capture));
+            pattern.is_some() || format_of(&self.input).is_ok_and(|format| matches!(format.kind, FileKind::Capture));
         if !moves || !(auto || placed.is_some() || plans) {
             return Ok(settled);
         }

@@ -3,14 +3,14 @@
 use super::settings::DensityScale;
 use super::settings::PictureSettings;
 use crate::app::provenance::Provenance;
-use crate::app::sequence::FrameSelection;
+use crate::app::sequence::{self, FrameSelection};
+use crate::app::volume;
 use crate::error::{Error, Result};
 use crate::formats::captures;
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
-use crate::formats::registry::{self, VDB};
+use crate::formats::registry;
 use crate::formats::scene_file::LoadedScene;
-use crate::formats::sequence::Pattern;
 use crate::formats::usd::{self, Overrides, Stage, Views};
 use crate::scene::capture::Capture;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,8 @@ use std::path::{Path, PathBuf};
 pub(crate) const SIZE: [u32; 2] = [256, 256];
 
 impl PictureSettings {
-    /// Returns the pattern of the numbered VDBs in the folder that is named as the input; `None` for any other input.
+    /// Returns the pattern of the numbered volumes in the folder that is named as the input; `None` for any other input,
+    /// such as the folder of a scan.
     ///
     /// # Errors
     /// If the folder holds several sequences, or none.
@@ -27,11 +28,13 @@ impl PictureSettings {
         if !self.input.is_dir() {
             return Ok(None);
         }
-        match FrameSelection::default().sequence(&self.input, VDB.endings)? {
+        let is_volume = |kind| matches!(kind, FileKind::Vdb | FileKind::NanoVdb);
+        match FrameSelection::default().of_volumes(&self.input, is_volume)? {
             Some(sequence) => Ok(Some(sequence.pattern.name())),
+            None if volume::is_scan(&self.input) => Ok(None),
             None => Err(Error::invalid("the folder holds no numbered VDBs")
                 .at(&self.input)
-                .hint("give a VDB, a USD stage or a scene file, or a folder of files such as smoke.0001.vdb")),
+                .hint("give a VDB, a scan, a USD stage or a scene file, or a folder of files such as smoke.0001.vdb")),
         }
     }
 
@@ -40,10 +43,10 @@ impl PictureSettings {
     /// # Errors
     /// If the input cannot be read.
     pub(crate) fn shows_stage(&self) -> Result<bool> {
-        if Pattern::parse(&self.input).is_some() {
+        if sequence::pattern(&self.input).is_some() {
             return Ok(false);
         }
-        Ok(matches!(registry::sniff(&self.input)?.kind, FileKind::Usd))
+        Ok(matches!(volume::format_of(&self.input)?.kind, FileKind::Usd))
     }
 
     /// Returns the cameras of the pictures with what else a capture tells: those of `cameras`, or of the stage that

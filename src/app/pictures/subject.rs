@@ -7,7 +7,6 @@ use crate::app::volume;
 use crate::error::{Error, Result};
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
-use crate::formats::registry;
 use crate::formats::scene_file::{self, LoadedScene, SceneVolume};
 use crate::formats::transfer::Function;
 use crate::scene::bricks::Bricks;
@@ -129,8 +128,10 @@ impl PictureSettings {
         limits: Limits,
         provenance: &mut Provenance,
     ) -> Result<(Subject, Option<Transfer>)> {
-        let kind = registry::sniff(&self.input)?.kind;
+        let format = volume::format_of(&self.input)?;
+        let kind = format.kind;
         if matches!(kind, FileKind::Capture | FileKind::Usd) {
+            self.scan.check(format, &self.input)?;
             let loaded = match kind {
                 FileKind::Usd => self.staged(limits)?,
                 _ => {
@@ -156,7 +157,7 @@ impl PictureSettings {
             return Ok((Subject::Scene { scene, moving, remarks }, None));
         }
         let (grids, function) = self.grids(template, limits)?;
-        provenance.files(self.files())?;
+        provenance.files(self.files().iter().map(PathBuf::as_path))?;
         let scattered = function.as_ref().filter(|_| self.scattering.on());
         let colors = scattered.map(|function| Colors::of(function, &self.scattering)).transpose()?;
         if colors.is_none() && self.scattering.tf_color.is_some() {
@@ -171,8 +172,9 @@ impl PictureSettings {
     }
 
     /// Returns the files that pictures of one volume are made from, beside those of the cameras.
-    pub(in crate::app) fn files(&self) -> impl Iterator<Item = &Path> {
-        std::iter::once(self.input.as_path()).chain(self.transfer.file()).chain(self.scattering.sky_file())
+    pub(in crate::app) fn files(&self) -> Vec<PathBuf> {
+        let others = self.transfer.file().into_iter().chain(self.scattering.sky_file()).map(Path::to_path_buf);
+        volume::files(&self.input, &self.scan, self.limits).into_iter().chain(others).collect()
     }
 
     /// Refuses settings that a scene file states itself.
@@ -201,9 +203,9 @@ impl PictureSettings {
     /// Reads the volume's grids, and returns them with the transfer function that the pictures will show.
     fn grids(&self, template: Option<&Capture>, limits: Limits) -> Result<(Grids, Option<Function>)> {
         if self.model.or(template.map(|c| c.model)) == Some(Model::PreShaded) && self.transfer.tf.is_none() {
-            return Ok((volume::read_pre_shaded(&self.input, self.grid.as_deref(), limits)?, None));
+            return Ok((volume::read_pre_shaded(&self.input, self.grid.as_deref(), &self.scan, limits)?, None));
         }
-        let (grid, loaded) = volume::read_with_function(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
+        let (grid, loaded) = volume::read_with_function(&self.input, self.grid.as_deref(), (&self.scan, &self.transfer), limits)?;
         let function = self.function(loaded, template);
         let transfer = function.as_ref().map(|function| &function.transfer);
         let field = volume::arrange(&grid, transfer, limits).map_err(|e| e.at(&self.input))?;

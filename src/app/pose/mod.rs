@@ -9,6 +9,7 @@ use crate::app::inputs;
 use crate::app::outputs::Content;
 use crate::app::photos;
 use crate::app::ranges;
+use crate::app::scan::ScanSettings;
 use crate::app::task::{Captured, Task};
 use crate::app::transfer::TransferSettings;
 use crate::app::use_case::{Report, Status, use_case};
@@ -297,10 +298,11 @@ impl PoseSettings {
 
     /// Reads the volume's grids, and returns them with the capture as its pictures are to be understood.
     fn grids(&self, capture: &Capture, limits: Limits) -> Result<(Grids, Capture)> {
+        let scan = ScanSettings::default();
         if capture.model == Model::PreShaded && self.transfer.tf.is_none() {
-            return Ok((volume::read_pre_shaded(&self.volume, self.grid.as_deref(), limits)?, capture.clone()));
+            return Ok((volume::read_pre_shaded(&self.volume, self.grid.as_deref(), &scan, limits)?, capture.clone()));
         }
-        let (grid, carried) = volume::read(&self.volume, self.grid.as_deref(), &self.transfer, limits)?;
+        let (grid, carried) = volume::read(&self.volume, self.grid.as_deref(), (&scan, &self.transfer), limits)?;
         let shown = self.interpreted(capture, carried);
         let field = volume::arrange(&grid, shown.transfer.as_ref(), limits).map_err(|e| e.at(&self.volume))?;
         Ok((Grids::Density(field), shown))

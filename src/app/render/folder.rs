@@ -7,9 +7,10 @@ use crate::app::Context;
 use crate::app::earlier::{self, Earlier, Keys, Policy, Standing};
 use crate::app::pictures::scales::DensityScales;
 use crate::app::provenance::Provenance;
+use crate::app::volume;
 use crate::error::{Code, Error, Result};
 use crate::formats::format::FileKind;
-use crate::formats::{atomic, protected, registry, transforms};
+use crate::formats::{atomic, protected, transforms};
 use crate::scene::capture::{Capture, Frame};
 use serde_json::{Map, json};
 use std::path::{Path, PathBuf};
@@ -77,7 +78,7 @@ impl Sequence<'_> {
         }
         // The picture itself names what lies behind a scene or a stage.
         let cameras = self.provenance.inputs.keys().map(PathBuf::from);
-        let needs: Vec<PathBuf> = pictures.files().map(Path::to_path_buf).chain(cameras).collect();
+        let needs: Vec<PathBuf> = pictures.files().into_iter().chain(cameras).collect();
         self.policy().left(&self.render.files_of(path), &needs)
     }
 
@@ -142,7 +143,7 @@ impl Sequence<'_> {
     /// Returns the density scales of an earlier capture; the capture of a scene does not tell those of its volumes.
     fn earlier_scales(&self) -> DensityScales {
         let is_scene = self.pattern.is_none()
-            && registry::sniff(&self.pictures.input)
+            && volume::format_of(&self.pictures.input)
                 .is_ok_and(|format| matches!(format.kind, FileKind::Capture | FileKind::Usd));
         let earlier = self.earlier().filter(|_| !is_scene);
         earlier.map(|capture| DensityScales::one(capture.density_scale)).unwrap_or_default()

@@ -20,13 +20,14 @@ use crate::app::pictures::scattering::Paths;
 use crate::app::pictures::settle::Settled;
 use crate::app::pictures::subject::Subject;
 use crate::app::renewed::{self, Renewed};
-use crate::app::sequence::numbers;
+use crate::app::sequence::{numbers, pattern};
 use crate::app::up::ChosenUp;
+use crate::app::volume;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::png::ToneMapping;
 use crate::formats::sequence::{self, Frames, Pattern};
-use crate::formats::vdb::{File, velocity};
+use crate::formats::vdb::velocity;
 use crate::render::film::{Rendered, View};
 use crate::render::integrator::Counts;
 use crate::render::renderer::Renderer;
@@ -87,7 +88,7 @@ impl fmt::Display for FramesReport {
 impl RenderSettings {
     /// True if frames are to be rendered, not views.
     pub(super) fn is_sequence(&self) -> bool {
-        self.frames.is_some() || Pattern::parse(&self.pictures.input).is_some()
+        self.frames.is_some() || pattern(&self.pictures.input).is_some()
     }
 
     /// Renders the frames and writes them. A frame that fails is part of the report.
@@ -140,7 +141,7 @@ impl RenderSettings {
         context: &Context,
     ) -> Result<(Sequence<'s>, Vec<(u32, PathBuf)>)> {
         let mut provenance = self.provenance(context);
-        let pattern = Pattern::parse(&self.pictures.input);
+        let pattern = pattern(&self.pictures.input);
         let numbers = match (self.frames, &pattern) {
             (frames, Some(pattern)) => numbers(frames, pattern)?,
             (frames, None) => frames.into_iter().flat_map(Frames::numbers).collect(),
@@ -389,7 +390,7 @@ impl Sequence<'_> {
         let colors = subject.colors().cloned();
         let mut scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         if let Some(name) = &self.render.velocity {
-            let (file, fps) = (File::open(&pictures.input, limits)?, self.render.fps);
+            let (file, fps) = (volume::open(&pictures.input, &pictures.scan, limits)?, self.render.fps);
             scene.velocities = vec![(0, velocity::read(&file, name, fps, limits.max_memory)?)];
         }
         let (scene, plan) = self.render.planned(&pictures, scene, paths, context)?;

@@ -51,6 +51,7 @@ fn text(value: &Value) -> String {
             Some(v) if f64::from(v as f32) == v => (v as f32).to_string(),
             _ => number.to_string(),
         },
+        Value::Array(all) => texts(all).join(","),
         other => other.to_string(),
     }
 }

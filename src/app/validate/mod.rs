@@ -2,6 +2,7 @@
 
 mod capture;
 mod findings;
+mod image;
 mod nano;
 mod sequence;
 mod traits;
@@ -9,8 +10,10 @@ mod volume;
 
 use crate::app::Context;
 use crate::app::failure::Failure;
+use crate::app::scan::ScanSettings;
 use crate::app::sequence::FrameSelection;
 use crate::app::use_case::{Report, Status, use_case};
+use crate::app::volume::format_of;
 use crate::error::{Error, Kind, Result};
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
@@ -38,6 +41,9 @@ pub struct ValidateSettings {
     pub files: Vec<PathBuf>,
     /// Frames of sequences to check.
     pub frames: FrameSelection,
+    /// Parts of scans that are checked, and where their voxels lie.
+    #[serde(flatten)]
+    pub scan: ScanSettings,
     /// Memory that the work may take.
     #[serde(flatten)]
     pub limits: Limits,
@@ -116,6 +122,7 @@ impl ValidateSettings {
     /// # Errors
     /// If the only file cannot be read at all.
     pub fn run(&self, context: &Context) -> Result<ValidateReport> {
+        self.scan.check_files(self.files.iter().map(PathBuf::as_path), self.frames)?;
         let (mut files, mut sequences) = (Vec::new(), Vec::new());
         for path in &self.files {
             match self.sequences(path, context) {
@@ -147,7 +154,7 @@ impl ValidateSettings {
         let _stage = context.stage("checking");
         let result = match error {
             Some(error) => Err(error),
-            None => self.frames.refuse(path).and_then(|()| check(path, self.limits)),
+            None => self.frames.refuse(path).and_then(|()| check(path, &self.scan, self.limits)),
         };
         match result {
             Ok((checked, _)) => Ok(checked),
@@ -158,8 +165,8 @@ impl ValidateSettings {
 }
 
 /// Checks a file, and returns what it is compared by if it is a frame of a sequence.
-fn check(path: &Path, limits: Limits) -> Result<(Checked, Traits)> {
-    let format = registry::sniff(path)?;
+fn check(path: &Path, scan: &ScanSettings, limits: Limits) -> Result<(Checked, Traits)> {
+    let format = format_of(path)?;
     let (mut findings, mut traits) = (Findings::default(), Traits::new());
     match format.kind {
         FileKind::Vdb => traits = volume::check(path, limits, &mut findings)?,
@@ -171,8 +178,10 @@ fn check(path: &Path, limits: Limits) -> Result<(Checked, Traits)> {
             let options = Options { color_space: Some(ColorSpace::Srgb), limits, ..Options::default() };
             picture::read(path, &options).map(drop).or_else(|error| findings.refusal(error))?;
         }
-        // A scan is nothing that is checked; what is of no kind at all may be a volume that was damaged.
-        FileKind::Image(_) => return Err(registry::unread(format, path)),
+        FileKind::Image(reader) => {
+            traits = image::check(path, (format, reader), (&scan.of(format), limits), &mut findings)?;
+        }
+        // What is of no kind at all may be a volume that was damaged.
         FileKind::Unknown => findings.refusal(registry::unread(format, path))?,
     }
     let (path, valid) = (path.to_path_buf(), findings.valid());

@@ -45,7 +45,7 @@ impl ValidateSettings {
         let full = self.limits;
         let results = FrameLoop::steps(&numbers, "checking", context).parallel(full, |number, limits| {
             let path = sequence.path(number);
-            let (checked, mut traits) = check(&path, limits)?;
+            let (checked, mut traits) = check(&path, &self.scan, limits)?;
             if matches!(checked.format, Some(FileKind::Exr)) {
                 // Faults that keep a picture from being read are among its findings.
                 traits = of_picture(&path, limits).unwrap_or_default();

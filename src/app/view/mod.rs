@@ -12,15 +12,16 @@ mod volume;
 
 pub use shown::ViewReport;
 
-use crate::app::Context;
 use crate::app::failure::Failure;
 use crate::app::inputs;
 use crate::app::outputs::{self, Content as Output};
 use crate::app::pictures::DensityScale;
+use crate::app::scan::ScanSettings;
 use crate::app::sequence::FrameSelection;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::{self, UpChoice};
 use crate::app::use_case::{Report, Status, use_case};
+use crate::app::{self, Context};
 use crate::error::{Error, Kind, Result};
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
@@ -43,7 +44,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ViewSettings {
-    /// OpenVDB files, pictures (OpenEXR, PNG, JPEG), captures, and patterns or folders of sequences.
+    /// OpenVDB and NanoVDB files, scans, pictures (OpenEXR, PNG, JPEG), captures, and patterns or folders of sequences.
     #[serde(with = "crate::app::paths")]
     pub files: Vec<PathBuf>,
     /// PNG to write the sheet to; of several files, the folder to write into; none to write no file.
@@ -51,6 +52,9 @@ pub struct ViewSettings {
     pub output: Option<PathBuf>,
     /// Name of the grid of a VDB to show; none for density, else the only scalar one, else the first.
     pub grid: Option<String>,
+    /// Parts of scans that are shown, and where their voxels lie.
+    #[serde(flatten)]
+    pub scan: ScanSettings,
     /// Longer side of each picture in pixels, from 16 to 2048; none for 320, of views and frames 160.
     pub size: Option<u32>,
     /// Exposure of pictures in stops, from -60 to 60; none to make the 99th percentile white, of volumes for 0.
@@ -75,6 +79,7 @@ impl Default for ViewSettings {
             files: Vec::new(),
             output: None,
             grid: None,
+            scan: ScanSettings::default(),
             size: None,
             exposure: None,
             density_scale: DensityScale::Auto,
@@ -114,6 +119,8 @@ impl ViewSettings {
     /// # Errors
     /// Those of [`Self::run`] and of `show`.
     pub(crate) fn show(&self, context: &Context, show: &mut dyn FnMut(&Canvas) -> Result<()>) -> Result<ViewReport> {
+        let files = self.files.iter().map(PathBuf::as_path);
+        self.scan.check_files(files, FrameSelection(self.frames))?;
         let outputs = self.output.as_deref().map(|path| self.outputs(path)).transpose()?;
         let (mut sheets, mut failed) = (Vec::new(), Vec::new());
         for (i, file) in self.files.iter().enumerate() {
@@ -141,6 +148,12 @@ impl ViewSettings {
         Ok(ViewReport { sheets, failed })
     }
 
+    /// Opens a volume.
+    fn open(&self, path: &Path) -> Result<File> {
+        let scan = self.scan.of(app::volume::format_of(path)?);
+        app::volume::open(path, &scan, self.limits)
+    }
+
     /// Returns the up axis of a volume: that of the settings, else what the file states, else Z.
     fn up_of(&self, file: &File) -> Up {
         self.up.stated().unwrap_or_else(|| up::of_file(file).axis)
@@ -156,13 +169,13 @@ impl ViewSettings {
                 .at(path)
                 .hint("leave ⟨frames⟩ out, or name a sequence such as smoke.####.vdb"));
         }
-        let format = registry::sniff(path)?;
+        let format = app::volume::format_of(path)?;
         match format.kind {
-            FileKind::Vdb | FileKind::NanoVdb => volume::sheet(self, path, context),
+            FileKind::Vdb | FileKind::NanoVdb | FileKind::Image(_) => volume::sheet(self, path, context),
             FileKind::Exr => layers::sheet(self, path),
             FileKind::Picture(_) => layers::plain(self, path, format.name),
             FileKind::Capture => capture::sheet(self, path),
-            FileKind::Image(_) | FileKind::Unknown => Err(registry::unread(format, path)),
+            FileKind::Unknown => Err(registry::unread(format, path)),
             FileKind::Usd => Err(Error::unsupported(format!("{} has no sheet", format.phrase)).at(path).hint(format!(
                 "render a picture of it: cumulo render {} ⟨views=1⟩ ⟨size=512x512⟩ -o picture.png",
                 shell_quoted(&path.to_string_lossy())
@@ -179,9 +192,10 @@ impl ViewSettings {
         if path.is_dir() && captures::file(path).exists() {
             return Ok(None);
         }
-        let endings = registry::frame_endings(sequence::shows);
-        let found = FrameSelection::default().sequence(path, &endings)?;
-        if found.is_none() && path.is_dir() {
+        let is_shown = |kind| sequence::shows(kind) && !matches!(kind, FileKind::Image(_));
+        let found = FrameSelection::default().of_volumes(path, is_shown)?;
+        if found.is_none() && path.is_dir() && !app::volume::is_scan(path) {
+            let endings = registry::frame_endings(sequence::shows);
             let endings: Vec<String> = endings.iter().map(|ending| format!(".{ending}")).collect();
             return Err(Error::invalid("the folder holds neither a capture nor a sequence").at(path).hint(format!(
                 "a sequence is two numbered files or more, {}; of other files give the names",

@@ -12,7 +12,6 @@ use crate::error::{Error, Result};
 use crate::formats::format::FileKind;
 use crate::formats::png::ToneMapping;
 use crate::formats::sequence::Pattern;
-use crate::formats::vdb::File;
 use crate::formats::{exr, registry};
 use crate::math::Aabb;
 use crate::report::sheet::{Canvas, Sheet, Tile, fitted};
@@ -58,7 +57,7 @@ pub(super) fn sheet(
     let (films, exposure) = match kind(pattern, &chosen)? {
         FileKind::Exr => pictures(view, pattern, &chosen, &mut failed, context)?,
         _ => {
-            let file = |number: &u32| File::open(pattern.path(*number), view.limits).ok();
+            let file = |number: &u32| view.open(&pattern.path(*number)).ok();
             let up = chosen.iter().find_map(file).map(|file| view.up_of(&file)).unwrap_or_default();
             let volumes = volumes(view, pattern, &chosen, &mut failed, up, context)?;
             axis = Some((up, volumes.light));
@@ -97,7 +96,7 @@ fn missing(pattern: &Pattern, number: u32) -> Option<Failed> {
 
 /// True for the kinds of files whose sequences have sheets.
 pub(super) fn shows(kind: FileKind) -> bool {
-    matches!(kind, FileKind::Vdb | FileKind::NanoVdb | FileKind::Exr)
+    matches!(kind, FileKind::Vdb | FileKind::NanoVdb | FileKind::Image(_) | FileKind::Exr)
 }
 
 /// Returns the kind of the frames: that of the first one that can be shown.
@@ -109,7 +108,7 @@ fn kind(pattern: &Pattern, numbers: &[u32]) -> Result<FileKind> {
     };
     let kinds = numbers.iter().filter_map(|number| Some(registry::sniff(&pattern.path(*number)).ok()?.kind));
     kinds.into_iter().find(|kind| shows(*kind)).ok_or_else(|| {
-        Error::unsupported("sequences of volumes (VDB) and of pictures (OpenEXR) can be shown")
+        Error::unsupported("sequences of volumes (VDB, NanoVDB, scans) and of pictures (OpenEXR) can be shown")
             .at(pattern.path(*first))
             .hint("view a single file, or convert the frames")
     })
@@ -155,7 +154,7 @@ fn volumes(
     let side = view.side(SIDE, numbers.len())?;
     let subject = |number: u32| {
         let path = pattern.path(number);
-        let file = File::open(&path, view.limits)?;
+        let file = view.open(&path)?;
         let native = file.read(&volume::name(view, &file)?)?;
         let info = native.info().map_err(|e| e.at(&path))?;
         Subject::of(view, &native, &info, context).map_err(|e| e.at(&path))

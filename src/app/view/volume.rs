@@ -24,7 +24,7 @@ const OUTSIDE: f64 = 0.002;
 /// # Errors
 /// If the file cannot be read, or the grid has no values to show.
 pub(super) fn sheet(view: &ViewSettings, path: &Path, context: &Context) -> Result<(Sheet, Content)> {
-    let file = File::open(path, view.limits)?;
+    let file = view.open(path)?;
     let native = file.read(&name(view, &file)?)?;
     let located = |e: Error| e.at(path);
     let info = native.info().map_err(located)?;

@@ -10,6 +10,7 @@ use crate::app::outputs::{self, Content};
 use crate::app::pictures::DensityScale;
 use crate::app::ranges;
 use crate::app::render;
+use crate::app::scan::ScanSettings;
 use crate::app::task::Task;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::{ChosenUp, UpChoice};
@@ -50,7 +51,7 @@ use std::time::Instant;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ViewpointSettings {
-    /// VDB to look at.
+    /// VDB, NanoVDB or scan to look at.
     #[serde(with = "crate::app::paths")]
     pub input: PathBuf,
     /// Capture (JSON) to write with the cameras.
@@ -87,6 +88,9 @@ pub struct ViewpointSettings {
     pub quadrature: Option<Quadrature>,
     /// Grid to look at; none for density, else the only scalar one.
     pub grid: Option<String>,
+    /// Part of a scan that is read, and where its voxels lie.
+    #[serde(flatten)]
+    pub scan: ScanSettings,
     /// Capture from whose viewpoints the search starts as well, whatever made it.
     #[serde(with = "crate::app::paths")]
     pub init: Option<PathBuf>,
@@ -119,6 +123,7 @@ impl Default for ViewpointSettings {
             transfer: TransferSettings::default(),
             quadrature: None,
             grid: None,
+            scan: ScanSettings::default(),
             init: None,
             resume: false,
             report: None,
@@ -301,9 +306,11 @@ impl ViewpointSettings {
     /// Reads the volume, arranged for rays, and its transfer function.
     fn field(&self, task: &mut Task) -> Result<(Bricks<f32>, Option<Transfer>)> {
         let _stage = task.context.stage("reading the volume");
-        let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, task.limits)?;
+        let (grid, transfer) =
+            volume::read(&self.input, self.grid.as_deref(), (&self.scan, &self.transfer), task.limits)?;
         let field = volume::arrange(&grid, transfer.as_ref(), task.limits).map_err(|e| e.at(&self.input))?;
-        task.provenance.input(&self.input, [self.input.as_path()])?;
+        let files = volume::files(&self.input, &self.scan, task.limits);
+        task.provenance.files(files.iter().map(PathBuf::as_path))?;
         if let Some(tf) = self.transfer.file() {
             task.provenance.input(tf, [tf])?;
         }

@@ -5,6 +5,7 @@ pub(crate) mod frames;
 pub(crate) mod pictures;
 pub(crate) mod refinement;
 pub(crate) mod region;
+pub(crate) mod scan;
 pub(crate) mod scattering;
 pub(crate) mod transfer;
 

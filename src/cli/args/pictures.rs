@@ -3,6 +3,7 @@
 use super::read_as;
 use crate::app::pictures::scattering::ScatteringSettings;
 use crate::app::pictures::{DensityScale, PictureSettings, PlanningSettings};
+use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
 use crate::cli::memory::Memory;
@@ -21,7 +22,7 @@ use std::str::FromStr;
 /// Options that pictures are made by: subject, cameras, media and light.
 #[derive(Debug, clap::Args)]
 struct PictureArgs {
-    /// VDB, USD stage, or scene file in JSON (`cumulo schema scene`), to render; smoke.####.vdb, smoke.%04d.vdb,
+    /// VDB, NanoVDB, scan, USD stage, or scene file in JSON (`cumulo schema scene`), to render; smoke.####.vdb, smoke.%04d.vdb,
     /// smoke.$F4.vdb, smoke.0001-0100.vdb and folders of numbered VDBs are sequences
     input: PathBuf,
     /// Place this many cameras around the volume
@@ -124,6 +125,8 @@ struct PictureArgs {
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
     #[command(flatten)]
+    scan: ScanSettings,
+    #[command(flatten)]
     scattering: ScatteringSettings,
     #[command(flatten)]
     planning: PlanningSettings,
@@ -158,6 +161,7 @@ impl From<PictureArgs> for PictureSettings {
             early_stop: args.early_stop,
             supersample: args.supersample,
             grid: args.grid,
+            scan: args.scan,
             scattering: args.scattering,
             planning: args.planning,
         }

@@ -1,48 +1,18 @@
 //! Options of images and of values.
 
 use crate::app::convert::{ImageSettings, ValueSettings};
+use crate::app::scan::ScanSettings;
 use crate::cli::args::read_as;
-use crate::cli::parse::{ascending, number, positive};
-use crate::formats::imaging::options::Axes;
-use crate::formats::imaging::volume::GridType;
+use crate::cli::parse::{ascending, number};
 use crate::formats::sample::{Endian, Sample};
 
 /// Options of images.
 #[derive(Debug, clap::Args)]
+// Other commands have a --time of their own.
+#[command(mut_arg("time_point", |arg| arg.alias("time")))]
 struct ImageArgs {
-    /// Number of the point in time to read, from 0 (default: the first one)
-    #[arg(long, value_name = "N")]
-    time: Option<usize>,
-    /// OME-Zarr: number of the channel to read, from 0 (default: the first one)
-    #[arg(long, value_name = "N")]
-    channel: Option<usize>,
-    /// OME-Zarr: number of the resolution to read, 0 for the finest (default: the finest that fits into memory)
-    #[arg(long, value_name = "N")]
-    level: Option<usize>,
-    /// DICOM: UID of the series to read, of a folder with several
-    #[arg(long, value_name = "UID")]
-    series: Option<String>,
-    /// Read only this array of a file with several
-    #[arg(long, value_name = "NAME")]
-    array: Option<String>,
-    /// Type of the grid's values (default: int for images of integers, except NumPy's, else float)
-    #[arg(long = "as", value_enum, value_name = "TYPE")]
-    grid_type: Option<GridType>,
-    /// Order of the axes of NumPy's arrays, the slowest first (default: xyz)
-    #[arg(long, value_enum, value_name = "ORDER")]
-    axes: Option<Axes>,
-    /// Edge of a voxel in world units, for arrays, stacks and raw files
-    #[arg(long, value_name = "VOXEL", value_parser = positive, conflicts_with_all = ["transform", "spacing"])]
-    voxel_size: Option<f64>,
-    /// Edges of a voxel along x, y and z, for arrays, stacks and raw files
-    #[arg(long, value_name = "X,Y,Z", value_parser = spacing, conflicts_with = "transform")]
-    spacing: Option<[f64; 3]>,
-    /// World position of the centre of the first voxel, for arrays, stacks and raw files (default: 0,0,0)
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, conflicts_with = "transform")]
-    origin: Option<[f64; 3]>,
-    /// The first three rows of the matrix from indices to the world, twelve numbers, acting on columns
-    #[arg(long, value_name = "A00,A01,..,A23", value_parser = rows, allow_hyphen_values = true)]
-    transform: Option<[[f64; 4]; 3]>,
+    #[command(flatten)]
+    scan: ScanSettings,
     /// Read numbers without a header: voxels along x (the fastest), y and z; needs --type and --spacing
     #[arg(long, value_name = "X,Y,Z", value_parser = dims, requires = "sample")]
     dims: Option<[usize; 3]>,
@@ -59,23 +29,7 @@ struct ImageArgs {
 
 impl From<ImageArgs> for ImageSettings {
     fn from(args: ImageArgs) -> Self {
-        Self {
-            time: args.time,
-            channel: args.channel,
-            level: args.level,
-            series: args.series,
-            array: args.array,
-            grid_type: args.grid_type,
-            axes: args.axes,
-            voxel_size: args.voxel_size,
-            spacing: args.spacing,
-            origin: args.origin,
-            transform: args.transform,
-            dims: args.dims,
-            sample: args.sample,
-            endian: args.endian,
-            skip: args.skip,
-        }
+        Self { scan: args.scan, dims: args.dims, sample: args.sample, endian: args.endian, skip: args.skip }
     }
 }
 
@@ -105,30 +59,6 @@ impl From<ValueArgs> for ValueSettings {
 }
 
 read_as!(ValueSettings, ValueArgs);
-
-fn numbers(text: &str) -> Result<Vec<f64>, String> {
-    text.split(',').map(number).collect()
-}
-
-fn point(text: &str) -> Result<[f64; 3], String> {
-    match numbers(text)?[..] {
-        [x, y, z] => Ok([x, y, z]),
-        ref other => Err(format!("{} numbers, three are needed: x,y,z", other.len())),
-    }
-}
-
-fn spacing(text: &str) -> Result<[f64; 3], String> {
-    let spacing = point(text)?;
-    if spacing.iter().all(|edge| *edge > 0.0) { Ok(spacing) } else { Err(format!("'{text}' must be above zero")) }
-}
-
-fn rows(text: &str) -> Result<[[f64; 4]; 3], String> {
-    let numbers = numbers(text)?;
-    if numbers.len() != 12 {
-        return Err(format!("{} numbers, twelve are needed: three rows of four", numbers.len()));
-    }
-    Ok(std::array::from_fn(|row| std::array::from_fn(|column| numbers[4 * row + column])))
-}
 
 fn dims(text: &str) -> Result<[usize; 3], String> {
     let counts: Option<Vec<usize>> = text.split(',').map(|t| t.trim().parse().ok().filter(|n| *n > 0)).collect();

@@ -5,6 +5,7 @@ const FRAMES: &str = "Frames";
 const CAMERAS: &str = "Cameras and pictures";
 const MEDIUM: &str = "Medium and light";
 const GRIDS: &str = "Grids and layers";
+const SCANS: &str = "Scans and arrays";
 const ACCURACY: &str = "Accuracy and cost";
 const SOLVER: &str = "Solver";
 const TRANSFER: &str = "Transfer function";
@@ -12,7 +13,7 @@ const COMPARISON: &str = "Comparison";
 const GENERAL: &str = "General";
 
 /// Options under each heading, by their identifiers.
-const TABLE: [(&str, &[&str]); 10] = [
+const TABLE: [(&str, &[&str]); 11] = [
     (
         OUTPUT,
         &[
@@ -84,8 +85,6 @@ const TABLE: [(&str, &[&str]); 10] = [
             "prune",
             "repair",
             "voxel_size",
-            "origin",
-            "transform",
             "density",
             "up_from",
             "filter",
@@ -95,19 +94,27 @@ const TABLE: [(&str, &[&str]); 10] = [
             "names",
             "map",
             "threshold",
-            "grid_type",
-            "array",
-            "time",
+            "meters_per_unit",
+        ],
+    ),
+    (
+        SCANS,
+        &[
+            "time_point",
             "channel",
             "level",
             "series",
+            "array",
+            "grid_type",
             "axes",
+            "voxel_edge",
             "spacing",
+            "origin",
+            "transform",
             "dims",
             "sample",
             "endian",
             "skip",
-            "meters_per_unit",
         ],
     ),
     (

@@ -1,6 +1,7 @@
 //! `cumulo study gradient`: error against time of derivatives.
 
 use crate::app::gradient::{GradientSettings, LossName, Wrt};
+use crate::app::scan::ScanSettings;
 use crate::app::study::StudyOptions;
 use crate::app::study::gradient::{GradientKnob, GradientStudySettings};
 use crate::app::transfer::TransferSettings;
@@ -19,7 +20,7 @@ use std::path::PathBuf;
 /// precision without early stop.
 #[derive(Debug, clap::Args)]
 struct GradientStudyArgs {
-    /// VDB to differentiate at
+    /// VDB, NanoVDB or scan to differentiate at
     input: PathBuf,
     #[command(flatten)]
     study: StudyOptions,
@@ -77,6 +78,8 @@ struct GradientStudyArgs {
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
     #[command(flatten)]
+    scan: ScanSettings,
+    #[command(flatten)]
     memory: Memory,
 }
 
@@ -97,6 +100,7 @@ impl From<GradientStudyArgs> for GradientStudySettings {
             transfer: args.transfer,
             quadrature: args.quadrature,
             grid: args.grid,
+            scan: args.scan,
             limits: args.memory.limits(),
             ..GradientSettings::default()
         };

@@ -8,6 +8,7 @@ use super::output::Output;
 use super::parse;
 use super::run::{Run, told};
 use crate::app::pictures::DensityScale;
+use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
 use crate::app::view::ViewSettings;
@@ -20,13 +21,13 @@ use terminal::Graphics;
 
 /// Look at files: volumes, pictures, captures and sequences, each as one contact sheet
 ///
-/// A VDB is shown by a picture of its density, three slices and a histogram; an OpenEXR picture by its layers; a
+/// A VDB, a NanoVDB or a scan is shown by a picture of its density, three slices and a histogram; an OpenEXR picture by its layers; a
 /// capture by its views and a plan of its cameras; a sequence by its frames. Scales and exposures are chosen so that
 /// something can be seen, and are stated. A file that cannot be shown is named, and the others are shown.
 #[derive(Debug, clap::Args)]
 struct ViewArgs {
-    /// OpenVDB files, pictures (OpenEXR, PNG, JPEG), captures, and sequences such as smoke.####.vdb, view.%04d.exr or
-    /// the folder of one
+    /// OpenVDB and NanoVDB files, scans, pictures (OpenEXR, PNG, JPEG), captures, and sequences such as smoke.####.vdb,
+    /// view.%04d.exr or the folder of one
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Write the sheet to this PNG; of several files, into this folder (default: show it in the terminal)
@@ -38,6 +39,8 @@ struct ViewArgs {
     /// Grid of a VDB to show (default: density, else the only scalar one, else the first)
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
+    #[command(flatten)]
+    scan: ScanSettings,
     /// Longer side of each picture in pixels (default: 320; of views and frames 160)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=2048))]
     size: Option<u32>,
@@ -72,6 +75,7 @@ impl From<ViewArgs> for View {
             files: args.files,
             output: args.output,
             grid: args.grid,
+            scan: args.scan,
             size: args.size,
             exposure: args.exposure,
             density_scale: args.density_scale,

@@ -6,7 +6,7 @@
 //!
 //! Source: the description of the format in fV-SRN's `volume.h` (Weiss et al.).
 
-use super::image::{Header, Image, Slices, Values};
+use super::image::{About, Header, Image, Slices, Values};
 use super::input;
 use super::options::Options;
 use super::placement;
@@ -238,6 +238,7 @@ fn image(content: Content, feature: Feature, edges: DVec3) -> Result<Image> {
         components: feature.components,
         values: Values::Real,
         index_to_world,
+        about: About::default(),
         notes: feature.note().into_iter().collect(),
     };
     Ok(Image { header, slices: Box::new(Voxels { content, feature, bytes: Vec::new(), done: 0 }) })

@@ -1,6 +1,7 @@
 //! A regular grid with its placement, read slice by slice.
 
 use crate::error::Result;
+use crate::formats::sample::Sample;
 use crate::math::Affine;
 use std::fmt;
 
@@ -27,8 +28,23 @@ pub struct Header {
     pub values: Values,
     /// Maps indices of voxel centres to the world (see the module's conventions).
     pub index_to_world: Affine,
+    /// What else the file says of its values and its space.
+    pub about: About,
     /// Assumptions and omissions of the reader, one sentence each, for the user.
     pub notes: Vec<String>,
+}
+
+/// What a file says of its values and its space, beyond what a grid is made of.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct About {
+    /// Type of the stored numbers, where the reader knows it.
+    pub sample: Option<Sample>,
+    /// Unit of the values, where the file states one, such as `HU` for Hounsfield units.
+    pub unit: Option<String>,
+    /// Slope and intercept that make values of stored numbers; none where they are the same, or differ by slice.
+    pub rescale: Option<(f64, f64)>,
+    /// True if the axes of the world are right, anterior and superior.
+    pub anatomical: bool,
 }
 
 impl Header {

@@ -4,7 +4,7 @@
 //! `TransformMatrix` lists the directions of the axes one after the other; the file's `CenterOfRotation` plays no part
 //! in it.
 
-use super::image::{Header, Image, Slices, Values};
+use super::image::{About, Header, Image, Slices, Values};
 use super::input::{self, Packing};
 use super::placement::{self, swap_lps_ras};
 use super::stream::{Binary, Words};
@@ -166,7 +166,8 @@ pub(crate) fn open(path: &Path) -> Result<Vec<Image>> {
     let mut notes = Vec::new();
     let index_to_world = placement(&fields, &mut notes)?;
     notes.extend(placement::unturned(values, components));
-    Ok(vec![Image { header: Header { name: None, size, components, values, index_to_world, notes }, slices }])
+    let about = About { sample: Some(sample), anatomical: true, ..About::default() };
+    Ok(vec![Image { header: Header { name: None, size, components, values, index_to_world, about, notes }, slices }])
 }
 
 /// Values in one or several files.

@@ -7,7 +7,7 @@
 //!
 //! Source: [MRC2014](https://www.ccpem.ac.uk/mrc_format/mrc2014.php), and the CCP4 map format it continues.
 
-use super::image::{Header, Image, Values};
+use super::image::{About, Header, Image, Values};
 use super::input::{self, Packing};
 use super::placement;
 use super::stream::Binary;
@@ -209,7 +209,7 @@ pub(crate) fn open(path: &Path) -> Result<Image> {
         }
     };
     let values = if sample.is_integer() { Values::Integer } else { Values::Real };
-    let header = Header { name: None, size, components: 1, values, index_to_world, notes };
+    let header = Header { name: None, size, components: 1, values, index_to_world, about: About::default(), notes };
     Ok(Image { header, slices: Box::new(Binary::new(reader, sample, words.endian)) })
 }
 

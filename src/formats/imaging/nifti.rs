@@ -3,7 +3,7 @@
 //! Layout and meaning of the fields: `nifti1.h` and `nifti2.h` of the NIfTI data format working group. The sform is
 //! taken where there is one, else the qform, else the voxel sizes alone (methods 3, 2 and 1 of the standard).
 
-use super::image::{Header, Image, Slices, Values};
+use super::image::{About, Header, Image, Slices, Values};
 use super::input::{self, Packing};
 use super::options::Options;
 use super::placement;
@@ -248,7 +248,8 @@ fn image(fields: &Fields, data: &Path, packing: Packing, options: &Options, apar
     }
     let values = if sample.is_integer() && scale.is_none() { Values::Integer } else { Values::Real };
     let components = planes * together;
-    Ok(Image { header: Header { name: None, size, components, values, index_to_world, notes }, slices })
+    let about = About { sample: Some(sample), rescale: scale, unit: None, anatomical: true };
+    Ok(Image { header: Header { name: None, size, components, values, index_to_world, about, notes }, slices })
 }
 
 /// Slope and intercept of the values; none where they are not scaled, which a slope of 0 says.

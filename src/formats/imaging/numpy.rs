@@ -3,7 +3,7 @@
 //! `array[x, y, z]` or `array[z, y, x]`, with a last axis of three components for vectors. Arrays whose x axis is the
 //! fastest pass slice by slice; of others all bytes are held.
 
-use super::image::{Header, Image, Slices, Values};
+use super::image::{About, Header, Image, Slices, Values};
 use super::input::{self, Packing};
 use super::options::{Axes, Options};
 use super::stream::{Binary, failed};
@@ -105,8 +105,9 @@ fn image(
         Box::new(Strided::new(binary.into_reader(), header, &layout, limits)?)
     };
     let values = if header.sample.is_integer() { Values::Integer } else { Values::Real };
-    let header =
-        Header { name, size: layout.size, components: layout.components, values, index_to_world, notes: Vec::new() };
+    let about = About { sample: Some(header.sample), ..About::default() };
+    let (size, components, notes) = (layout.size, layout.components, Vec::new());
+    let header = Header { name, size, components, values, index_to_world, about, notes };
     Ok(Image { header, slices })
 }
 

@@ -73,6 +73,9 @@ pub struct Options {
     pub axes: Axes,
     /// Layout of a file without a header.
     pub raw: Option<RawLayout>,
+    /// True to refuse a file of several points in time or channels of which none is chosen, in the place of taking the
+    /// first one.
+    pub unambiguous: bool,
 }
 
 impl Options {
@@ -108,10 +111,14 @@ impl Options {
         let time = self.time.unwrap_or(0);
         if time >= count {
             return Err(Error::invalid(format!("there is no time {time}; the file has {count}"))
-                .hint(format!("give ⟨time=0⟩ to {}", count.saturating_sub(1))));
+                .hint(format!("give ⟨time_point=0⟩ to {}", count.saturating_sub(1))));
+        }
+        if count > 1 && self.time.is_none() && self.unambiguous {
+            return Err(Error::invalid(format!("the file has {count} points in time, 0 to {}", count - 1))
+                .hint("choose one of them with ⟨time_point=N⟩"));
         }
         if count > 1 && self.time.is_none() {
-            notes.push(format!("the first of {count} points in time was read; ⟨time=N⟩ reads another"));
+            notes.push(format!("the first of {count} points in time was read; ⟨time_point=N⟩ reads another"));
         }
         Ok(time)
     }

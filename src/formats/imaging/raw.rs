@@ -1,6 +1,6 @@
 //! Numbers without a header, whose layout the caller states.
 
-use super::image::{Header, Image, Values};
+use super::image::{About, Header, Image, Values};
 use super::input::{self, Packing};
 use super::options::Options;
 use super::stream::Binary;
@@ -34,6 +34,8 @@ pub(crate) fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     }
     let reader = input::values(path, layout.skip, Packing::Plain, 0)?;
     let values = if layout.sample.is_integer() { Values::Integer } else { Values::Real };
-    let header = Header { name: None, size: layout.size, components: 1, values, index_to_world, notes: Vec::new() };
+    let about = About { sample: Some(layout.sample), ..About::default() };
+    let header =
+        Header { name: None, size: layout.size, components: 1, values, index_to_world, about, notes: Vec::new() };
     Ok(vec![Image { header, slices: Box::new(Binary::new(reader, layout.sample, layout.endian)) }])
 }

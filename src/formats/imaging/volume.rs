@@ -41,7 +41,10 @@ pub struct Settings<'s> {
 
 impl Settings<'_> {
     /// Type of the values of the grid that an image becomes.
-    fn kind(&self, header: &Header) -> Result<ValueKind> {
+    ///
+    /// # Errors
+    /// If vectors are to become numbers of another type than they have.
+    pub(crate) fn kind(&self, header: &Header) -> Result<ValueKind> {
         let vectors = header.components == 3;
         match self.grid_type {
             GridType::Double | GridType::Int if vectors => {

@@ -3,14 +3,16 @@
 use super::bytes::{Bytes, DAMAGED};
 use super::decode;
 use super::layout::{self, Kind};
-use super::texts::terminated;
+use super::texts::{self, terminated};
 use super::unpack::{Codec, unpack};
-use super::volume::Volume;
+use super::volume::{KEPT, Volume};
 use crate::error::{Code, Error, Result};
 use crate::formats::input;
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
+use crate::formats::vdb::ValueKind;
 use crate::scene::grid::GridClass;
+use std::collections::BTreeMap;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
@@ -49,6 +51,15 @@ pub struct Entry {
 }
 
 impl Entry {
+    /// Type of the values of the grid of OpenVDB that it becomes; integers with a background other than 0 become floats.
+    pub(crate) fn value_kind(&self) -> ValueKind {
+        match Kind::of(self.kind) {
+            Some(kind) if kind.components() == 3 => ValueKind::Vec3,
+            Some(Kind::Int16 | Kind::Int32) => ValueKind::Int32,
+            _ => ValueKind::Float,
+        }
+    }
+
     /// Name of the type of the values, as NanoVDB's tools print it.
     pub fn kind_name(&self) -> &'static str {
         layout::name(self.kind)
@@ -146,6 +157,18 @@ impl File {
         let path = self.path.clone();
         let place = |e: Error| e.part(format!("grid '{}'", entry.name)).at(&path);
         self.decode(&entry, limits).map_err(place)
+    }
+
+    /// Texts that stand beside a grid, by their names: those that a conversion keeps. What cannot be read has none;
+    /// reading the grid says why.
+    pub(crate) fn texts(&mut self, index: usize) -> BTreeMap<String, String> {
+        let Some(entry) = self.entries.get(index).cloned() else { return BTreeMap::new() };
+        if entry.bytes.saturating_add(entry.stored_bytes) > self.limits.max_memory {
+            return BTreeMap::new();
+        }
+        let memory =
+            self.bytes(entry.position, entry.stored_bytes).and_then(|stored| unpack(stored, entry.codec, entry.bytes));
+        memory.and_then(|memory| texts::read(Bytes(&memory), &KEPT)).unwrap_or_default()
     }
 
     fn decode(&mut self, entry: &Entry, limits: Limits) -> Result<Volume> {

@@ -26,6 +26,16 @@ impl ValueKind {
         if self == Self::Vec3 { 3 } else { 1 }
     }
 
+    /// Name of the type of trees of such values.
+    pub(super) fn tree_type(self) -> &'static str {
+        match self {
+            Self::Float => "Tree_float_5_4_3",
+            Self::Double => "Tree_double_5_4_3",
+            Self::Int32 => "Tree_int32_5_4_3",
+            Self::Vec3 => "Tree_vec3s_5_4_3",
+        }
+    }
+
     /// Bytes of memory that a leaf of 8³ voxels takes, the allocator's share included.
     pub(crate) fn leaf_bytes(self) -> u64 {
         let value = match self {

@@ -4,6 +4,7 @@
 use super::excerpt::Excerpt;
 use super::helper;
 use super::load;
+use super::made::Grids;
 use super::meta::Meta;
 use super::native::NativeGrid;
 use super::preflight::{self, Entry, Preflight};
@@ -14,17 +15,28 @@ use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::scene::grid::{Grid, MetaValue};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Suffix of the name of a confidence grid, which says how well each voxel of the grid without the suffix is known.
 pub(crate) const CONFIDENCE: &str = "_confidence";
 
-/// A VDB file open for reading. Grids are loaded one by one, never lazily.
+/// A VDB file open for reading, or a file of another format whose grids are made as OpenVDB has them. Grids are loaded
+/// one by one, never lazily.
 #[derive(Debug)]
 pub struct File {
-    source: Source,
+    path: PathBuf,
+    content: Content,
     preflight: Preflight,
     limits: Limits,
+}
+
+/// Where the grids of a file come from.
+#[derive(Debug)]
+enum Content {
+    /// A VDB.
+    Stored(Source),
+    /// A file of another format.
+    Made(Box<dyn Grids>),
 }
 
 impl File {
@@ -36,12 +48,19 @@ impl File {
         let path = path.as_ref();
         let _reading = Reading::begin(path);
         let (preflight, file) = preflight::open(path, &limits)?;
-        Ok(Self { source: Source::new(file, path)?, preflight, limits })
+        let content = Content::Stored(Source::new(file, path)?);
+        Ok(Self { path: path.to_path_buf(), content, preflight, limits })
+    }
+
+    /// Has the grids of a file of another format read as those of a VDB are.
+    pub(crate) fn of_grids(path: &Path, grids: Box<dyn Grids>, limits: Limits) -> Self {
+        let preflight = super::made::preflight(&*grids);
+        Self { path: path.to_path_buf(), content: Content::Made(grids), preflight, limits }
     }
 
     /// Path by which the file was opened.
     pub fn path(&self) -> &Path {
-        &self.source.path
+        &self.path
     }
     /// File version, writing library and grid directory.
     pub(crate) fn preflight(&self) -> &Preflight {
@@ -59,8 +78,12 @@ impl File {
     }
 
     pub(super) fn native_metadata(&self) -> Result<Meta> {
-        let read = Excerpt::read(&self.source, &self.preflight, &[], &self.limits).and_then(|head| head.metadata());
-        read.map_err(|e| e.at(&self.source.path))
+        let source = match &self.content {
+            Content::Stored(source) => source,
+            Content::Made(grids) => return super::made::metadata(&**grids).map_err(|e| e.at(&self.path)),
+        };
+        let read = Excerpt::read(source, &self.preflight, &[], &self.limits).and_then(|head| head.metadata());
+        read.map_err(|e| e.at(&self.path))
     }
 
     /// Metadata of the file as a whole.
@@ -87,16 +110,16 @@ impl File {
             (Some(_), Some(_)) => {
                 Err(Error::invalid(format!("several grids are named '{name}'; the file has {}", listed()))
                     .coded(Code::NoSuchGrid)
-                    .at(&self.source.path)
+                    .at(&self.path)
                     .hint("name one of them with its number"))
             }
             _ if entries.is_empty() => Err(Error::invalid("the file has no grids")
                 .coded(Code::NoSuchGrid)
-                .at(&self.source.path)
+                .at(&self.path)
                 .hint("check the export settings of the program that made it")),
             _ => Err(Error::invalid(format!("no grid '{name}'; the file has {}", listed()))
                 .coded(Code::NoSuchGrid)
-                .at(&self.source.path)
+                .at(&self.path)
                 .hint("name one of these")),
         }
     }
@@ -106,22 +129,28 @@ impl File {
     /// # Errors
     /// If OpenVDB reports an error, or the grid exceeds the memory allowed; the error names file and grid.
     pub fn read(&self, name: &str) -> Result<NativeGrid> {
-        let _reading = Reading::begin(&self.source.path);
+        let _reading = Reading::begin(&self.path);
         let entry = self.find(name)?;
-        let place = |e: Error| e.at(&self.source.path).part(format!("grid '{}'", entry.name));
+        let place = |e: Error| e.at(&self.path).part(format!("grid '{}'", entry.name));
         let damaged = |e| place(e).hint("the file may be damaged; export it again");
-        let grid = match &entry.layout {
-            Some(layout) => load::grid(&self.source, &self.preflight, (entry, layout), &self.limits),
-            None => self.read_excerpt(entry),
+        let grid = match (&self.content, &entry.layout) {
+            (Content::Made(grids), _) => {
+                let index = self.entries().iter().position(|e| e.name == entry.name).unwrap_or_default();
+                return grids.read(index, self.limits).map_err(place);
+            }
+            (Content::Stored(source), Some(layout)) => {
+                load::grid(source, &self.preflight, (entry, layout), &self.limits)
+            }
+            (Content::Stored(source), None) => self.read_excerpt(source, entry),
         };
         grid.and_then(|grid| named(grid, entry)).map_err(damaged)
     }
 
     /// Loads a grid by OpenVDB's own reader, with the grid whose tree it shares, if there is one.
-    fn read_excerpt(&self, entry: &Entry) -> Result<NativeGrid> {
+    fn read_excerpt(&self, source: &Source, entry: &Entry) -> Result<NativeGrid> {
         let parent = entry.instance_of.as_ref().and_then(|parent| self.entries().iter().find(|e| e.name == *parent));
         let grids: Vec<&Entry> = parent.into_iter().chain([entry]).collect();
-        let excerpt = Excerpt::read(&self.source, &self.preflight, &grids, &self.limits)?;
+        let excerpt = Excerpt::read(source, &self.preflight, &grids, &self.limits)?;
         // Grids that were walked node by node are bounded already; others (points) are tried in another process first.
         if !entry.fully_checked {
             helper::rehearse(&excerpt.bytes, self.limits)?;
@@ -134,8 +163,8 @@ impl File {
     /// # Errors
     /// The conditions are those of [`File::read`] and [`NativeGrid::to_grid`].
     pub fn read_grid(&self, name: &str) -> Result<Grid> {
-        let _reading = Reading::begin(&self.source.path);
-        self.read(name)?.to_grid_within(self.limits.max_memory).map_err(|e| e.at(&self.source.path))
+        let _reading = Reading::begin(&self.path);
+        self.read(name)?.to_grid_within(self.limits.max_memory).map_err(|e| e.at(&self.path))
     }
 
     /// Loads the grid of the density: the named one, else `density`, else the only float or double grid that is no
@@ -150,7 +179,7 @@ impl File {
             None => self.density_name()?,
         };
         let grid = self.read_grid(&name)?;
-        super::require_fog(&grid).map_err(|e| e.at(&self.source.path))?;
+        super::require_fog(&grid).map_err(|e| e.at(&self.path))?;
         Ok(grid)
     }
 
@@ -172,16 +201,22 @@ impl File {
         if let [only] = scalar.as_slice() {
             return Ok(only.name.clone());
         }
+        // Scans of integers have no others.
+        if let [only] = entries
+            && only.grid_type == "Tree_int32_5_4_3"
+        {
+            return Ok(only.name.clone());
+        }
         if entries.is_empty() {
             return Err(Error::invalid("the file has no grids")
                 .coded(Code::NoSuchGrid)
-                .at(&self.source.path)
+                .at(&self.path)
                 .hint("check the export settings of the program that made it"));
         }
         let listed = entries.iter().map(|e| format!("'{}' ({})", e.name, e.grid_type)).collect::<Vec<_>>().join(", ");
         Err(Error::invalid(format!("which grid is the density? The file has {listed}"))
             .coded(Code::NoSuchGrid)
-            .at(&self.source.path)
+            .at(&self.path)
             .hint("name it with ⟨grid⟩"))
     }
 }

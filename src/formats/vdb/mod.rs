@@ -23,6 +23,7 @@ mod ffi;
 mod file;
 pub mod helper;
 mod load;
+pub(crate) mod made;
 mod meta;
 mod native;
 pub mod preflight;

@@ -18,6 +18,7 @@ use crate::app::gradient::scene::in_double;
 use crate::app::gradient::{GradientSettings, Wrt};
 use crate::app::inputs;
 use crate::app::use_case::use_case;
+use crate::app::volume;
 use crate::cancel::Cancel;
 use crate::differentiate::study::subject::Subject;
 use crate::differentiate::study::{Study, StudyGradient};
@@ -30,6 +31,7 @@ use crate::text::shell_quoted;
 use knobs::Variant;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Settings of a study of derivatives.
@@ -77,17 +79,17 @@ impl GradientStudySettings {
         }
         base.fits_together()?;
         let mut session = Session::begin("gradient", &self.gradient.input, &self.study, self, context)?;
-        let (volume, setup) = {
+        let (grids, setup) = {
             let _stage = context.stage("reading the volume");
             base.scene()?
         };
         setup.up.iter().for_each(|up| context.note(up));
         let target = base.target.as_deref().map(captures::file);
-        for path in [Some(base.input.as_path()), target.as_deref(), base.transfer.file()].into_iter().flatten() {
-            session.provenance.input(path, [path])?;
-        }
+        let files = volume::files(&base.input, &base.scan, base.limits);
+        let others = [target.as_deref(), base.transfer.file()].into_iter().flatten();
+        session.provenance.files(files.iter().map(PathBuf::as_path).chain(others))?;
         session.check_inputs()?;
-        match volume {
+        match grids {
             Grids::Density(field) => self.measure(base.study(field, setup, context)?.0, &base, false, session, context),
             Grids::EmissionExtinction(field) => {
                 self.measure(base.study(field, setup, context)?.0, &base, true, session, context)

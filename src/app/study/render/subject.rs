@@ -4,9 +4,9 @@ use super::RenderStudySettings;
 use crate::app::Context;
 use crate::app::pictures::{Cameras, PictureSettings};
 use crate::app::provenance::Provenance;
+use crate::app::sequence;
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
-use crate::formats::sequence::Pattern;
 use crate::plan::{Integrator, Plan};
 use crate::render::renderer::Renderer;
 use crate::scene::camera::Camera;
@@ -58,7 +58,7 @@ impl RenderStudySettings {
         if let Some(input) = pictures.sequence_of_folder()? {
             pictures.input = input;
         }
-        if let Some(pattern) = Pattern::parse(&pictures.input) {
+        if let Some(pattern) = sequence::pattern(&pictures.input) {
             pictures.frame = self.frame.or(pattern.numbers()?.first().copied());
             pictures.input = pattern.path(pictures.frame.unwrap_or_default());
         }

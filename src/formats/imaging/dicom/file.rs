@@ -6,11 +6,12 @@ use super::syntax::{self, META, Syntax};
 use super::tags::{
     BITS_ALLOCATED, BITS_STORED, COLUMNS, DOSE_SCALING, DOUBLE_PIXELS, FLOAT_PIXELS, FRAME_GROUPS, FRAME_OFFSETS,
     FRAMES, HIGH_BIT, INSTANCE_NUMBER, MEDIA_CLASS, MODALITY, MODALITY_TABLE, PADDING, PHOTOMETRIC, PIXELS,
-    REPRESENTATION, ROWS, SAMPLES, SERIES, SERIES_DESCRIPTION, SHARED_GROUPS, TRANSFER_SYNTAX, WANTED,
+    REPRESENTATION, RESCALE_TYPE, ROWS, SAMPLES, SERIES, SERIES_DESCRIPTION, SHARED_GROUPS, TRANSFER_SYNTAX, WANTED,
 };
 use crate::error::{Code, Error, Result};
 use crate::formats::input;
 use crate::formats::limits::Limits;
+use crate::formats::sample::Sample;
 use glam::DVec3;
 use std::fs::File as Handle;
 use std::io::{BufReader, Seek, SeekFrom};
@@ -49,6 +50,20 @@ impl Pixels {
     pub(crate) fn is_integer(self) -> bool {
         matches!(self, Self::Integer { .. })
     }
+
+    /// Type of the stored numbers.
+    pub(crate) fn sample(self) -> Sample {
+        match self {
+            Self::Integer { allocated: 8, signed: false, .. } => Sample::U8,
+            Self::Integer { allocated: 8, .. } => Sample::I8,
+            Self::Integer { allocated: 16, signed: false, .. } => Sample::U16,
+            Self::Integer { allocated: 16, .. } => Sample::I16,
+            Self::Integer { signed: false, .. } => Sample::U32,
+            Self::Integer { .. } => Sample::I32,
+            Self::Float => Sample::F32,
+            Self::Double => Sample::F64,
+        }
+    }
 }
 
 /// A file of a series.
@@ -60,6 +75,8 @@ pub(crate) struct File {
     pub series: String,
     /// Modality and description of the series, for people.
     pub description: String,
+    /// Unit of the values: the stated one, else Hounsfield units of scaled computed tomography.
+    pub unit: Option<String>,
     /// Number of the image in its series.
     pub number: i64,
     /// Number of rows.
@@ -278,12 +295,17 @@ pub(crate) fn read(path: &Path, limits: Limits) -> Result<File> {
         _ => (own, false),
     };
     let name = [fields.text(MODALITY), fields.text(SERIES_DESCRIPTION)];
+    let hounsfield = name[0].as_deref() == Some("CT") && shared.rescaled != [false; 2];
+    // "US" stands for a unit that is not specified.
+    let stated = fields.text(RESCALE_TYPE).filter(|unit| !unit.is_empty() && unit != "US");
+    let unit = stated.or_else(|| hounsfield.then(|| "HU".to_owned()));
     let signed = matches!(pixels, Pixels::Integer { signed: true, .. });
     let padding = |v: u16| if signed { i64::from(v.cast_signed()) } else { i64::from(v) };
     Ok(File {
         path: path.to_path_buf(),
         series: fields.text(SERIES).unwrap_or_default(),
         description: name.into_iter().flatten().collect::<Vec<_>>().join(", "),
+        unit,
         number: fields.number(INSTANCE_NUMBER).ok().flatten().map_or(0, |n| n as i64),
         rows: lengths[0],
         columns: lengths[1],

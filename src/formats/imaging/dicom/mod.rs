@@ -22,7 +22,7 @@ mod series;
 mod syntax;
 mod tags;
 
-use super::image::{Header, Image, Values};
+use super::image::{About, Header, Image, Values};
 use super::options::Options;
 use crate::error::Result;
 use crate::formats::limits::Limits;
@@ -35,6 +35,18 @@ pub(crate) const ENDINGS: &[&str] = &["dcm", "dicom", "dic", "ima"];
 /// True if a file begins as DICOM files do: `DICM` behind a preamble of 128 bytes.
 pub(crate) fn is_dicom(start: &[u8]) -> bool {
     start.get(128..132) == Some(b"DICM")
+}
+
+/// What the files of a series say of their values.
+fn about(files: &[file::File], planes: &[placement::Plane]) -> About {
+    let scale = |plane: &placement::Plane| files[plane.file].frame(plane.frame).rescale;
+    let first = planes.first().map(scale).filter(|first| planes.iter().all(|plane| scale(plane) == *first));
+    About {
+        sample: files.first().map(|file| file.pixels.sample()),
+        unit: files.first().and_then(|file| file.unit.clone()),
+        rescale: first.filter(|scale| *scale != (1.0, 0.0)),
+        anatomical: true,
+    }
 }
 
 /// True if a folder holds a DICOM file.
@@ -77,6 +89,7 @@ pub(crate) fn open(path: &Path, options: &Options, limits: Limits) -> Result<Ima
         components: 1,
         values: if whole { Values::Integer } else { Values::Real },
         index_to_world: stack.index_to_world,
+        about: about(&files, &stack.planes),
         notes,
     };
     Ok(Image { header, slices: Box::new(Planes::new(files, stack.planes)) })

@@ -26,6 +26,7 @@ pub(crate) const REPRESENTATION: u32 = 0x0028_0103;
 pub(crate) const PADDING: u32 = 0x0028_0120;
 pub(crate) const INTERCEPT: u32 = 0x0028_1052;
 pub(crate) const SLOPE: u32 = 0x0028_1053;
+pub(crate) const RESCALE_TYPE: u32 = 0x0028_1054;
 pub(crate) const MODALITY_TABLE: u32 = 0x0028_3000;
 pub(crate) const PIXEL_MEASURES: u32 = 0x0028_9110;
 pub(crate) const VALUE_TRANSFORMATION: u32 = 0x0028_9145;
@@ -49,7 +50,8 @@ pub(crate) const SEQUENCES: [u32; 7] = [
 ];
 
 /// Elements that are kept.
-pub(crate) const WANTED: [u32; 30] = [
+pub(crate) const WANTED: [u32; 31] = [
+    RESCALE_TYPE,
     MODALITY,
     SERIES_DESCRIPTION,
     SLICE_THICKNESS,

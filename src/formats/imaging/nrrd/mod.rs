@@ -6,7 +6,7 @@ mod data;
 mod fields;
 mod layout;
 
-use super::image::{Header, Image, Slices, Values};
+use super::image::{About, Header, Image, Slices, Values};
 use super::options::Options;
 use super::placement::{self, swap_lps_ras};
 use super::stream::Planar;
@@ -76,6 +76,12 @@ fn unit(fields: &Fields, layout: &Layout) -> Option<String> {
     }
 }
 
+/// True if a space has directions of the body as its axes, which are brought to right, anterior and superior.
+fn is_anatomical(space: &str) -> bool {
+    let space = space.to_ascii_lowercase();
+    is_ras(&space) || ["left-posterior-superior", "lps", "left-anterior-superior", "las"].contains(&space.as_str())
+}
+
 /// True if the axes of a space are right, anterior, superior.
 fn is_ras(space: &str) -> bool {
     ["right-anterior-superior", "ras"].iter().any(|name| space.eq_ignore_ascii_case(name))
@@ -143,6 +149,8 @@ pub(crate) fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     let slices = slices(&data, &layout, time)?;
     let values = if data.sample.is_integer() { Values::Integer } else { Values::Real };
     let components = layout.length(layout.components);
+    let anatomical = fields.get(&["space"]).is_some_and(is_anatomical);
+    let about = About { sample: Some(data.sample), anatomical, ..About::default() };
     if fields.get(&["space"]).is_some_and(|space| !is_ras(space)) {
         notes.extend(placement::unturned(values, components));
     }
@@ -150,7 +158,7 @@ pub(crate) fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
         notes.push("the measurement frame, in which vectors are stated, is not applied".into());
     }
     Ok(vec![Image {
-        header: Header { name: None, size: layout.size(), components, values, index_to_world, notes },
+        header: Header { name: None, size: layout.size(), components, values, index_to_world, about, notes },
         slices,
     }])
 }

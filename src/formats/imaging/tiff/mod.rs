@@ -8,7 +8,7 @@ mod description;
 mod listing;
 mod page;
 
-use super::image::{Header, Image, Slices, Values};
+use super::image::{About, Header, Image, Slices, Values};
 use super::options::Options;
 use super::placement;
 use crate::error::{Error, Result};
@@ -24,6 +24,8 @@ use std::path::{Path, PathBuf};
 const MOST_CHANNELS: usize = 64;
 
 /// Extensions of the files of a stack.
+pub(crate) use listing::files;
+
 pub(crate) const ENDINGS: &[&str] = &["tif", "tiff"];
 
 /// Says whether a file begins as TIFFs do, those of 64 bits included.
@@ -36,7 +38,7 @@ pub(crate) fn is_tiff(start: &[u8]) -> bool {
 /// # Errors
 /// If a page is damaged, pages differ in size or type, their kind is not read, or their spacing is stated nowhere.
 pub(crate) fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>> {
-    let files = listing::files(path)?;
+    let files = files(path)?;
     let first = &files[0];
     let mut pages = Pages::open(first, limits).map_err(|e| e.at(first))?;
     let kind = pages.kind().map_err(|e| e.at(first))?;
@@ -71,7 +73,8 @@ pub(crate) fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec
         let size = [kind.width, kind.height, order.slices];
         let values = if kind.integer { Values::Integer } else { Values::Real };
         let (components, notes) = (kind.components, std::mem::take(&mut notes));
-        let header = Header { name: name(channel), size, components, values, index_to_world, notes };
+        let header =
+            Header { name: name(channel), size, components, values, index_to_world, about: About::default(), notes };
         let stack = Stack { files: files.clone(), limits, pages: None, kind, order, channel, time, z: 0 };
         images.push(Image { header, slices: Box::new(stack) });
     }

@@ -12,7 +12,7 @@ mod xml;
 pub(crate) use legacy::open as open_legacy;
 pub(crate) use xml::{is_xml, open as open_xml};
 
-use super::image::{Header, Image, Slices, Values};
+use super::image::{About, Header, Image, Slices, Values};
 use super::options::Options;
 use super::placement;
 use super::text::excerpt;
@@ -81,6 +81,7 @@ impl Lattice {
         let values = if array.sample.is_integer() { Values::Integer } else { Values::Real };
         let index_to_world = placement::shifted(&self.to_world, inside)?;
         let name = Some(array.name.clone()).filter(|n| !n.is_empty());
-        Ok(Header { name, size: self.size(cells), components, values, index_to_world, notes: Vec::new() })
+        let (size, about) = (self.size(cells), About::default());
+        Ok(Header { name, size, components, values, index_to_world, about, notes: Vec::new() })
     }
 }

@@ -132,6 +132,10 @@ impl Axes {
         }
         if let Some(axis) = self.channel {
             point[axis] = channel as u64;
+            if channels > 1 && options.channel.is_none() && options.unambiguous {
+                return Err(Error::invalid(format!("the image has {channels} channels, 0 to {}", channels - 1))
+                    .hint("choose one of them with ⟨channel=N⟩"));
+            }
             if channels > 1 && options.channel.is_none() {
                 notes.push(format!("the first of {channels} channels was read; ⟨channel=N⟩ reads another"));
             }

@@ -15,7 +15,7 @@ mod codec;
 mod document;
 mod multiscale;
 
-use super::image::{Header, Image, Values};
+use super::image::{About, Header, Image, Values};
 use super::options::Options;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -103,7 +103,8 @@ fn image(
     let point = axes.choose(&array, options, &mut notes).map_err(place)?;
     let size = axes.size(&array).map_err(place)?;
     let values = if array.sample.is_integer() { Values::Integer } else { Values::Real };
-    let header = Header { name, size, components: 1, values, index_to_world, notes };
+    let about = About { sample: Some(array.sample), ..About::default() };
+    let header = Header { name, size, components: 1, values, index_to_world, about, notes };
     let chunks = Chunks::new(folder, array, axes, point, limits).map_err(place)?;
     Ok(Image { header, slices: Box::new(chunks) })
 }
