@@ -20,6 +20,7 @@ use crate::formats::usd::write::material::Renderer;
 use crate::formats::vdb::{Codec, ResampleFilter};
 use crate::render::differentiable::Adjoint;
 use crate::render::film::Aov;
+use crate::scene::aim::Side;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
 use clap::ValueEnum;
@@ -105,6 +106,20 @@ value_enum!(ValueEnum for ReconstructKnob {
 value_enum!(Choice for Layout {
     Sphere: "sphere", "Over the whole sphere, by the golden angle: evenly, and no two along one line";
     Ring: "ring", "On the horizontal circle around the up axis";
+});
+
+value_enum!(Choice for Side {
+    Anterior: "anterior", "Patient's front, +Y";
+    Posterior: "posterior", "Patient's back, -Y";
+    Left: "left", "Left of a patient, or of an object seen from the front, -X";
+    Right: "right", "Right, +X";
+    Superior: "superior", "Patient's head, +Z, with anterior at the top";
+    Inferior: "inferior", "Patient's feet, -Z, with anterior at the top";
+    Front: "front", "-Y with Z up, +Z with Y up";
+    Back: "back", "Opposite of front";
+    Top: "top", "From above, with the back at the top";
+    Bottom: "bottom", "From below, with the front at the top";
+    Iso: "iso", "Between front, right and top, all three axes equally long";
 });
 
 value_enum!(ValueEnum for ResampleFilter {

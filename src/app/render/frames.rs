@@ -158,9 +158,9 @@ impl RenderSettings {
             pictures.view.clear();
         }
         let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
-        if self.pictures.views.is_some_and(|views| views > 1) {
-            return Err(Error::invalid("⟨views⟩: a sequence has one picture for each frame")
-                .hint("give ⟨views=1⟩ for a camera at rest, or ⟨cameras⟩ with one for each frame"));
+        if self.pictures.placed().is_some_and(|views| views > 1) {
+            return Err(Error::invalid("several views: a sequence has one picture for each frame")
+                .hint("give ⟨views=1⟩ or one side with ⟨from⟩ for a camera at rest, or ⟨cameras⟩ with one for each frame"));
         }
         let paths = numbers.iter().map(|number| target.picture(&format!("frame.{number:04}.exr")));
         let frames: Vec<(u32, PathBuf)> = numbers.iter().copied().zip(paths).collect();

@@ -197,7 +197,7 @@ impl RenderSettings {
         let pictures = &self.pictures;
         let template = pictures.template(None, &mut provenance)?;
         pictures.check_cameras(template.as_ref())?;
-        let stated = template.as_ref().map_or(pictures.views.unwrap_or(1) as usize, |capture| capture.frames.len());
+        let stated = template.as_ref().map_or(pictures.placed().unwrap_or(1) as usize, |capture| capture.frames.len());
         let numbers = pictures.chosen(stated)?;
         target.holds(numbers.len(), "views", "⟨view=N⟩")?;
         if self.resume && (numbers.len() > 1 || !self.accuracy.on()) {

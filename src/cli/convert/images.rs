@@ -2,7 +2,7 @@
 
 use crate::app::convert::{ImageSettings, ValueSettings};
 use crate::cli::args::read_as;
-use crate::cli::parse::{ascending, number, positive};
+use crate::cli::parse::{ascending, number, point, positive};
 use crate::formats::imaging::options::Axes;
 use crate::formats::imaging::volume::GridType;
 use crate::formats::sample::{Endian, Sample};
@@ -108,13 +108,6 @@ read_as!(ValueSettings, ValueArgs);
 
 fn numbers(text: &str) -> Result<Vec<f64>, String> {
     text.split(',').map(number).collect()
-}
-
-fn point(text: &str) -> Result<[f64; 3], String> {
-    match numbers(text)?[..] {
-        [x, y, z] => Ok([x, y, z]),
-        ref other => Err(format!("{} numbers, three are needed: x,y,z", other.len())),
-    }
 }
 
 fn spacing(text: &str) -> Result<[f64; 3], String> {

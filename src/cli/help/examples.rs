@@ -108,7 +108,7 @@ const TABLE: &[Examples] = &[
             "cumulo render smoke.vdb --views 1 --albedo 0.9 --sun 1,1,2 --sky 0.1 --samples 64 -o lit",
             "cumulo render 'smoke.####.vdb' --frames 1-24 --views 1 --density-scale auto -o frames",
             "cumulo render found.vdb --cameras shots -o again",
-            "cumulo render ct.vdb --tf ct-bone --tf-range 0,1 --views 1 -o bone.png",
+            "cumulo render ct.vdb --tf ct-bone --tf-range 0,1 --from anterior,left -o bone",
         ],
     ),
     ("report", &["cumulo report page --reference smoke.vdb"]),

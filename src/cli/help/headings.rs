@@ -36,6 +36,12 @@ const TABLE: [(&str, &[&str]); 10] = [
         CAMERAS,
         &[
             "views",
+            "from",
+            "azimuth",
+            "elevation",
+            "distance",
+            "eye",
+            "orthographic",
             "layout",
             "size",
             "fov",
