@@ -4,6 +4,7 @@ use crate::app::capture::{Masked, Target};
 use crate::app::compare::Which;
 use crate::app::convert::{Convention, Form, Repair, UpTarget};
 use crate::app::denoise::{Cuts, Direction, Filter, Guide};
+use crate::app::figure::{Background, Orientation};
 use crate::app::gradient::{LossName, Wrt};
 use crate::app::reconstruct::refinement::Refined;
 use crate::app::reconstruct::{density, transfer};
@@ -120,6 +121,17 @@ value_enum!(Choice for Side {
     Top: "top", "From above, with the back at the top";
     Bottom: "bottom", "From below, with the front at the top";
     Iso: "iso", "Between front, right and top, all three axes equally long";
+});
+
+value_enum!(Choice for Background {
+    White: "white", "White page";
+    Black: "black", "Black page, with white letters";
+    Transparent: "transparent", "No page";
+});
+
+value_enum!(Choice for Orientation {
+    Anatomical: "anatomical", "Cube with the letters R, L, A, P, S and I of a scan's axes";
+    Axes: "axes", "Axes X, Y and Z";
 });
 
 value_enum!(ValueEnum for ResampleFilter {

@@ -176,7 +176,11 @@ fn centred(camera_to_world: DMat4, points: &[DVec3]) -> DMat4 {
     let seen = points.iter().map(|point| to_camera.transform_point3(*point));
     let (low, high) = seen.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
     let by = 0.5 * (low + high);
-    if by.is_finite() { camera_to_world * DMat4::from_translation(DVec3::new(by.x, by.y, 0.0)) } else { camera_to_world }
+    if by.is_finite() {
+        camera_to_world * DMat4::from_translation(DVec3::new(by.x, by.y, 0.0))
+    } else {
+        camera_to_world
+    }
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@
 mod common;
 
 mod accuracy;
+mod aim;
 mod arrays;
 mod capture;
 mod command_line;

@@ -2,11 +2,12 @@
 
 use super::settings::PictureSettings;
 use super::stage::SIZE;
-use crate::app::ranges;
+use crate::app::{pictured, ranges};
 use crate::error::{Code, Error, Result};
 use crate::scene::aim::{self, Bearing, Side, Stand, View};
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::orbit;
+use crate::scene::scene::Scene;
 use crate::scene::up::Up;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -95,8 +96,11 @@ impl AimSettings {
             return vec![Stand::At { eye: eye.into(), target: self.target.map(DVec3::from), up }];
         }
         if self.from.is_empty() {
-            let bearing =
-                Bearing { azimuth: self.azimuth.unwrap_or_default(), elevation: self.elevation.unwrap_or_default(), up };
+            let bearing = Bearing {
+                azimuth: self.azimuth.unwrap_or_default(),
+                elevation: self.elevation.unwrap_or_default(),
+                up,
+            };
             return vec![Stand::Around(bearing, self.distance)];
         }
         self.from.iter().map(|side| Stand::Around(side.bearing(up), self.distance)).collect()
@@ -113,6 +117,11 @@ impl PictureSettings {
     /// Returns the number of cameras that are to be placed; none where none are stated.
     pub(in crate::app) fn placed(&self) -> Option<u32> {
         self.aim.count().or(self.views)
+    }
+
+    /// Returns the position that cameras look at: the target that is stated, else the middle of the volumes.
+    pub(in crate::app) fn focus(&self, scene: &Scene) -> Option<DVec3> {
+        self.aim.target.map(DVec3::from).or_else(|| pictured::middle(scene))
     }
 
     /// Places cameras around the points: those that `aim` states, else `views` of them.

@@ -111,11 +111,10 @@ impl PictureSettings {
         if template.is_some() || self.placed().is_some() {
             return Ok(());
         }
-        Err(Error::invalid("no cameras: one of ⟨views⟩ and ⟨cameras⟩ is required")
-            .hint(
-                "give ⟨views=N⟩ to place cameras around the volume, one by ⟨from⟩, ⟨azimuth⟩ or ⟨eye⟩, or ⟨cameras⟩ \
+        Err(Error::invalid("no cameras: one of ⟨views⟩ and ⟨cameras⟩ is required").hint(
+            "give ⟨views=N⟩ to place cameras around the volume, one by ⟨from⟩, ⟨azimuth⟩ or ⟨eye⟩, or ⟨cameras⟩ \
                  with a capture or USD stage",
-            ))
+        ))
     }
 
     /// Opens the stage that is rendered.

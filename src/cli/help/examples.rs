@@ -59,6 +59,14 @@ const TABLE: &[Examples] = &[
         ],
     ),
     (
+        "figure",
+        &[
+            "cumulo figure bone.png -o figure.svg --title 'Skull' --tf ct-bone --legend-label Density --unit HU",
+            "cumulo figure a.exr b.exr c.exr -o figure.pdf --label A,B,C --scale-bar --length-unit mm --width 180mm",
+            "cumulo figure head.exr -o head.png --orientation anatomical --scale-bar=50 --width 1200px",
+        ],
+    ),
+    (
         "gradient",
         &[
             "cumulo gradient smoke.vdb --wrt density --loss l2 --target shots -o slopes.vdb",
