@@ -25,6 +25,7 @@ mod contradictions;
 mod convert_edits;
 mod denoise;
 mod diff;
+mod figure;
 mod gradient;
 mod guide;
 mod imaging;

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// Settings of a figure.
 ///
 /// ```
-/// use cumulo::app::figure::{FigureSettings, ScaleBarLength};
+/// use cumulo::app::figure::ScaleBarLength;
 /// use cumulo::prelude::*;
 ///
 /// # let folder = tempfile::tempdir().unwrap();

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 /// Settings on which the expected values of a picture do not depend, or whose content is known otherwise: that of its
 /// inputs by their bytes, that of its view by its camera and its number.
-const APART: [&str; 21] = [
+const APART: [&str; 28] = [
     "output",
     "overwrite",
     "png",
@@ -37,6 +37,13 @@ const APART: [&str; 21] = [
     "input",
     "cameras",
     "views",
+    "from",
+    "azimuth",
+    "elevation",
+    "distance",
+    "eye",
+    "target",
+    "orthographic",
     "view",
     "frame",
     "samples",
