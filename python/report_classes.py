@@ -40,6 +40,8 @@ CLASSES: dict[str, tuple[str, str, str]] = {
     "Viewpoints": ("viewpoint", "ViewpointReport", "output pictures report"),
     "Accuracy": ("denoise", "Accuracy", ""),
     "Denoised": ("denoise", "DenoiseReport", ""),
+    "FigurePanel": ("figure", "PanelReport", "picture"),
+    "Figure": ("figure", "FigureReport", "output"),
     "Merged": ("merge", "MergeReport", "output"),
     "Motion": ("motion", "MotionReport", ""),
     "FrameFigures": ("compare", "Figures", ""),

@@ -23,6 +23,7 @@ pub use crate::app::compare::CompareSettings;
 pub use crate::app::convert::{ConvertSettings, ImageSettings, ValueSettings};
 pub use crate::app::denoise::DenoiseSettings;
 pub use crate::app::diff::DiffSettings;
+pub use crate::app::figure::FigureSettings;
 pub use crate::app::function::FunctionSettings;
 pub use crate::app::gradient::GradientSettings;
 pub use crate::app::info::InfoSettings;

@@ -75,6 +75,13 @@ def denoise(frames: Path, output: Path, *, motion: str | None = None, progress: 
     return report(results.Denoised, ["denoise"], [frames], {"output": output, "motion": motion, **options}, progress)
 
 
+def figure(pictures: Sequence[Path], output: Path, *, title: str | None = None, label: Sequence[str] = (),
+           progress: bool | Progress = False, **options: Option) -> results.Figure:  # fmt: skip
+    """Composes a figure from pictures: an SVG, a PDF or a PNG, as the name of `output` says."""
+    named = {"output": output, "title": title, "label": ",".join(label) or None}
+    return report(results.Figure, ["figure"], [*pictures], {**named, **options}, progress)
+
+
 def merge(pictures: Sequence[Path], output: Path, *, progress: bool | Progress = False,
           **options: Option) -> results.Merged:  # fmt: skip
     """Joins path-traced pictures of the same scene and view that were rendered apart."""

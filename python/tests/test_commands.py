@@ -52,6 +52,7 @@ def test_reports_are_dataclasses_that_know_every_key(plume, shots, tmp_path):
         package.pose(shots.output, plume, tmp_path / "posed.json", iterations=1),
         package.viewpoint(plume, tmp_path / "best.json", density_scale="auto", size=(16, 16), iterations=1),
         package.motion(plume, shots.output, tmp_path / "motion.%04d.exr", frames="0-1"),
+        package.figure([one, two], tmp_path / "figure.svg", title="Plume", label=["A", "B"], scale_bar=True),
         package.merge([one], tmp_path / "joined.exr"), package.denoise(pattern, tmp_path / "quiet" / "f.%04d.exr"),
         package.compare(one, two), package.compare(pattern, pattern),
         package.compare_statistical(one, two), package.diff(plume, found.output), package.validate(plume),

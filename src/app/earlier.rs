@@ -164,6 +164,26 @@ pub(crate) fn spare_captures(json: &Path, pictures: &[PathBuf], own: &Provenance
     Err(Error::invalid(what).coded(Code::OutputExists).at(place).hint(hint))
 }
 
+/// Makes sure that a document whose text states the settings that made it, an SVG or a PDF, replaces nothing but what the
+/// same settings wrote before, or what may be replaced.
+///
+/// # Errors
+/// If a document of other settings would be replaced, or what lies there cannot be read.
+pub(crate) fn spare_document(path: &Path, own: &Provenance, overwrite: bool) -> Result<()> {
+    if overwrite || !path.exists() {
+        return Ok(());
+    }
+    let bytes = protected::unprotected(path, || input::bytes(path, MOST_BYTES, "a document of this command"))?;
+    let stated = format!("{SETTINGS}={}", own.settings);
+    if !own.settings.is_empty() && bytes.windows(stated.len()).any(|window| window == stated.as_bytes()) {
+        return Ok(());
+    }
+    Err(Error::invalid("a file lies here that another command made, and would be replaced")
+        .coded(Code::OutputExists)
+        .at(path)
+        .hint("give another name, or ⟨overwrite⟩ to replace it"))
+}
+
 /// Where a search begins.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InitialGuess<'s> {

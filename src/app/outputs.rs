@@ -23,6 +23,10 @@ pub enum Content {
     Exr,
     /// USD stage as text.
     UsdText,
+    /// SVG drawing.
+    Svg,
+    /// PDF document.
+    Pdf,
 }
 
 impl Content {
@@ -35,6 +39,8 @@ impl Content {
             Self::Png => ("png", "a PNG"),
             Self::Exr => ("exr", "an OpenEXR picture"),
             Self::UsdText => ("usda", "a USD stage as text"),
+            Self::Svg => ("svg", "an SVG"),
+            Self::Pdf => ("pdf", "a PDF"),
         }
     }
 

@@ -21,7 +21,7 @@ use std::path::PathBuf;
 /// difference quotient in double precision beside each derivative: exit code 1 if any is off by more than --tolerance.
 /// Where rounding leaves a quotient fewer than four digits, the error is relative to what would have them.
 #[derive(Debug, clap::Args)]
-#[command(group = clap::ArgGroup::new("from").required(true).args(["target", "views"]))]
+#[command(group = clap::ArgGroup::new("subject").required(true).args(["target", "views"]))]
 struct GradientArgs {
     /// VDB, NanoVDB or scan to differentiate at
     input: PathBuf,

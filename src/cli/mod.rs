@@ -9,6 +9,7 @@ mod convert;
 mod denoise;
 mod diff;
 mod document;
+mod figure;
 mod flags;
 mod gradient;
 mod help;
@@ -43,6 +44,7 @@ use crate::app::compare::CompareSettings;
 use crate::app::convert::ConvertSettings;
 use crate::app::denoise::DenoiseSettings;
 use crate::app::diff::DiffSettings;
+use crate::app::figure::FigureSettings;
 use crate::app::function::FunctionSettings;
 use crate::app::gradient::GradientSettings;
 use crate::app::info::InfoSettings;
@@ -118,6 +120,7 @@ enum Command {
     Convert(Box<ConvertSettings>),
     Denoise(DenoiseSettings),
     Diff(DiffSettings),
+    Figure(Box<FigureSettings>),
     Pose(PoseSettings),
     Gradient(GradientSettings),
     Render(RenderSettings),
@@ -147,6 +150,7 @@ impl Command {
             Self::Convert(s) => &**s,
             Self::Denoise(s) => s,
             Self::Diff(s) => s,
+            Self::Figure(s) => &**s,
             Self::Gradient(s) => s,
             Self::Info(s) => s,
             Self::Man(c) => c,

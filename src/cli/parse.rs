@@ -128,14 +128,16 @@ pub(crate) fn color(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
+/// Parses a position, `x,y,z`.
+pub(crate) fn point(text: &str) -> Result<[f64; 3], String> {
+    let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
+    numbers.try_into().map_err(|other: Vec<f64>| format!("{} numbers, three are needed: x,y,z", other.len()))
+}
+
 /// Parses a vector, `x,y,z`, whose direction can be computed: neither zero nor so small or large that its square is not
 /// held.
 pub(crate) fn vector(text: &str) -> Result<DVec3, String> {
-    let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
-    let [x, y, z] = numbers[..] else {
-        return Err(format!("{} numbers, three are needed: x,y,z", numbers.len()));
-    };
-    let vector = DVec3::new(x, y, z);
+    let vector = DVec3::from(point(text)?);
     if vector.normalize().is_normalized() { Ok(vector) } else { Err(format!("'{text}' has no direction")) }
 }
 

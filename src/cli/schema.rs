@@ -54,6 +54,7 @@ kinds! {
     Convert: "convert" => app::convert::ConvertReport;
     Denoise: "denoise" => app::denoise::DenoiseReport;
     Diff: "diff" => app::diff::DiffReport;
+    Figure: "figure" => app::figure::FigureReport;
     Gradient: "gradient" => app::gradient::GradientReport;
     Info: "info" => app::info::InfoReport;
     Man: "man" => man::Report;

@@ -4,6 +4,7 @@ use crate::app::capture::{Masked, Target};
 use crate::app::compare::Which;
 use crate::app::convert::{Convention, Form, Repair, UpTarget};
 use crate::app::denoise::{Cuts, Direction, Filter, Guide};
+use crate::app::figure::{Background, Orientation};
 use crate::app::gradient::{LossName, Wrt};
 use crate::app::reconstruct::refinement::Refined;
 use crate::app::reconstruct::{density, transfer};
@@ -20,6 +21,7 @@ use crate::formats::usd::write::material::Renderer;
 use crate::formats::vdb::{Codec, ResampleFilter};
 use crate::render::differentiable::Adjoint;
 use crate::render::film::Aov;
+use crate::scene::aim::Side;
 use crate::scene::albedo::TransferColor;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
@@ -112,6 +114,31 @@ value_enum!(ValueEnum for ReconstructKnob {
 value_enum!(Choice for Layout {
     Sphere: "sphere", "Over the whole sphere, by the golden angle: evenly, and no two along one line";
     Ring: "ring", "On the horizontal circle around the up axis";
+});
+
+value_enum!(Choice for Side {
+    Anterior: "anterior", "Patient's front, +Y";
+    Posterior: "posterior", "Patient's back, -Y";
+    Left: "left", "Left of a patient, or of an object seen from the front, -X";
+    Right: "right", "Right, +X";
+    Superior: "superior", "Patient's head, +Z, with anterior at the top";
+    Inferior: "inferior", "Patient's feet, -Z, with anterior at the top";
+    Front: "front", "-Y with Z up, +Z with Y up";
+    Back: "back", "Opposite of front";
+    Top: "top", "From above, with the back at the top";
+    Bottom: "bottom", "From below, with the front at the top";
+    Iso: "iso", "Between front, right and top, all three axes equally long";
+});
+
+value_enum!(Choice for Background {
+    White: "white", "White page";
+    Black: "black", "Black page, with white letters";
+    Transparent: "transparent", "No page";
+});
+
+value_enum!(Choice for Orientation {
+    Anatomical: "anatomical", "Cube with the letters R, L, A, P, S and I of a scan's axes";
+    Axes: "axes", "Axes X, Y and Z";
 });
 
 value_enum!(ValueEnum for ResampleFilter {

@@ -25,6 +25,50 @@ pub(crate) fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec
     encode_frames(width, height, &[rgb], 0)
 }
 
+/// Encodes the pixels `rgba[4 * (y * width + x) + channel]`, whose alpha is straight, as the bytes of an sRGB PNG file; it
+/// has an alpha channel if a pixel lets anything through. `per_inch` is the density of the pixels, and `texts` are chunks
+/// of text with their keywords.
+///
+/// # Errors
+/// If a side is 0 or exceeds 32 bits, or `rgba` does not have four bytes per pixel.
+pub(crate) fn encode_rgba8(
+    [width, height]: [usize; 2],
+    rgba: &[u8],
+    per_inch: Option<f64>,
+    texts: &[(String, String)],
+) -> Result<Vec<u8>> {
+    let fault = |what: String| {
+        Error::invalid(format!("PNG of {width}x{height}: {what}")).hint("write at least one pixel, four bytes each")
+    };
+    let (Ok(w), Ok(h)) = (u32::try_from(width), u32::try_from(height)) else {
+        return Err(fault("sides must fit 32 bits".into()));
+    };
+    let opaque = rgba.chunks_exact(4).all(|pixel| pixel[3] == 255);
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, w, h);
+    encoder.set_color(if opaque { png::ColorType::Rgb } else { png::ColorType::Rgba });
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
+    if let Some(per_inch) = per_inch {
+        let per_meter = (per_inch / 0.0254).round() as u32;
+        encoder.set_pixel_dims(Some(png::PixelDimensions { xppu: per_meter, yppu: per_meter, unit: png::Unit::Meter }));
+    }
+    for (keyword, text) in texts {
+        encoder.add_itxt_chunk(keyword.clone(), text.clone()).map_err(|e| fault(e.to_string()))?;
+    }
+    let mut writer = encoder.write_header().map_err(|e| fault(e.to_string()))?;
+    let written = match opaque {
+        true => {
+            let rgb: Vec<u8> = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
+            writer.write_image_data(&rgb)
+        }
+        false => writer.write_image_data(rgba),
+    };
+    written.map_err(|e| fault(e.to_string()))?;
+    writer.finish().map_err(|e| fault(e.to_string()))?;
+    Ok(bytes)
+}
+
 /// Encodes the levels `grey[y * width + x]` as the bytes of a grey 8-bit PNG file.
 ///
 /// # Errors

@@ -1,6 +1,7 @@
 //! Description of the scene: volumes, media, transfer functions, cameras and pictures. No module here knows a file
 //! format or a renderer.
 
+pub mod aim;
 pub mod albedo;
 pub mod bricks;
 pub mod camera;

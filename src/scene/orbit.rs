@@ -70,7 +70,7 @@ const STEPS: usize = 20;
 
 /// Returns a camera moved sideways, along its picture's rows and columns, until the outermost points lie equally far
 /// from the middle on opposite sides.
-fn aimed(camera_to_world: DMat4, points: &[DVec3]) -> DMat4 {
+pub(super) fn aimed(camera_to_world: DMat4, points: &[DVec3]) -> DMat4 {
     let to_camera = camera_to_world.inverse();
     let seen: Vec<DVec3> = points.iter().map(|point| to_camera.transform_point3(*point)).collect();
     let moved = |axis: usize| {

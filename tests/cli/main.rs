@@ -16,6 +16,7 @@
 mod common;
 
 mod accuracy;
+mod aim;
 mod arrays;
 mod capture;
 mod command_line;
@@ -24,6 +25,7 @@ mod contradictions;
 mod convert_edits;
 mod denoise;
 mod diff;
+mod figure;
 mod gradient;
 mod guide;
 mod imaging;

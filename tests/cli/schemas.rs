@@ -126,6 +126,9 @@ fn documents_of_every_command_are_what_their_schemas_say() {
         ok("render", &format!("render @plume.vdb --views 1 --size 8x8 --albedo 0.9 --seed {seed} -o seed{seed}.exr"));
     }
     ok("merge", "merge seed3.exr seed4.exr -o both.exr");
+    for output in ["figure.svg", "figure.png"] {
+        ok("figure", &format!("figure both.exr seed3.exr --scale-bar --orientation axes --tf viridis -o {output}"));
+    }
     ok("motion", "motion @plume.vdb --cameras cap --frames 0-1 --samples 1 -o motion.####.exr");
     ok("capture-convert", "capture convert cap -o flat");
     ok("usd-author", "usd author @plume.vdb -o s.usda");
@@ -149,6 +152,7 @@ fn documents_of_failures_are_what_their_schemas_say() {
         ("convert", "convert bad.vdb out.vdb"),
         ("denoise", "denoise none.####.exr -o out.####.exr"),
         ("diff", "diff bad.vdb @plume.vdb"),
+        ("figure", "figure none.exr -o out.svg"),
         ("gradient", "gradient bad.vdb --views 1 --loss mean --wrt camera"),
         ("info", "info"),
         ("man", "man -o bad.vdb"),

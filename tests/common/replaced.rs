@@ -20,7 +20,7 @@ const fn case(words: &'static str, inputs: &'static [&'static str], outputs: &'s
 
 const CAPTURE: &[&str] = &["in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"];
 
-pub const ALL: [Case; 36] = [
+pub const ALL: [Case; 38] = [
     case(
         "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --view 0 --size 4x4 --png --overwrite -o out",
         &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"],
@@ -50,6 +50,16 @@ pub const ALL: [Case; 36] = [
         "render in/stage.usda --views 1 --size 4x4 --samples 1 --overwrite -o out",
         &["in/stage.usda", "in/cube.vdb", "in/sky.exr"],
         &["out/view_000.exr", "out/transforms.json"],
+    ),
+    case(
+        "figure in/cap/view_000.exr in/sky.exr --tf in/two.tf.json --overwrite -o out/f.svg",
+        &["in/cap/view_000.exr", "in/sky.exr", "in/two.tf.json"],
+        &["out/f.svg"],
+    ),
+    case(
+        "figure in/cap/view_000.exr --camera in/cap#0 --scale-bar --distance 3 --overwrite -o out/f.png",
+        &["in/cap/view_000.exr", "in/cap/transforms.json"],
+        &["out/f.png"],
     ),
     case("merge in/n0.exr in/n1.exr --overwrite -o out/n.exr", &["in/n0.exr", "in/n1.exr"], &["out/n.exr"]),
     case(

@@ -5,7 +5,6 @@ use super::scales::DensityScales;
 use super::scattering::recorded;
 use super::settings::DensityScale;
 use super::settings::PictureSettings;
-use super::stage::SIZE;
 use super::subject::Subject;
 use crate::app::up::ChosenUp;
 use crate::error::{Code, Error, Result};
@@ -14,7 +13,6 @@ use crate::render::scale;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
 use crate::scene::medium::Source;
-use crate::scene::orbit;
 use crate::scene::transfer::Transfer;
 use crate::scene::up::Up;
 use crate::scene::volume::Grids;
@@ -143,8 +141,7 @@ impl PictureSettings {
                 .at(&self.input)
                 .hint("choose another grid with ⟨grid⟩, or give the cameras with ⟨cameras⟩"));
         }
-        let [w, h] = self.size.unwrap_or(SIZE);
-        Ok(orbit::cameras(&outline, self.views.unwrap_or(1) as usize, self.layout, w, h, self.fov, up))
+        Ok(self.place(&outline, up))
     }
 
     /// Returns the extinction per unit of density and length: that of the media of a scene, 1 where they differ.

@@ -1,6 +1,7 @@
 //! What pictures show, and from where: the subject, its cameras, media and lights, and the renderer that a plan of them
 //! calls for.
 
+mod aim;
 mod capture;
 pub mod renderer;
 pub mod scales;
@@ -10,6 +11,7 @@ pub(in crate::app) mod settle;
 mod stage;
 pub(crate) mod subject;
 
+pub use aim::AimSettings;
 pub(in crate::app) use capture::Cameras;
 pub(crate) use settings::EARLY_STOP;
 pub use settings::{DensityScale, PictureSettings, PlanningSettings};

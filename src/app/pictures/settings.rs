@@ -1,11 +1,12 @@
 //! Settings of what pictures show, and from where.
 
+use super::aim::AimSettings;
 use super::scattering::ScatteringSettings;
 use crate::app::ranges;
 use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::sequence::Frames;
 use crate::plan::Effect;
@@ -30,6 +31,9 @@ pub struct PictureSettings {
     pub frame: Option<u32>,
     /// Number of cameras to place around the volume; none where `cameras` or the stage states them.
     pub views: Option<u32>,
+    /// Cameras by sides, angles or positions, in place of `views`.
+    #[serde(flatten)]
+    pub aim: AimSettings,
     /// Axis that points upwards, about which cameras are placed.
     pub up: UpChoice,
     /// Numbers of the views to render, from 0; none for all.
@@ -40,7 +44,7 @@ pub struct PictureSettings {
     /// the proportions of a stage's aperture.
     pub size: Option<[u32; 2]>,
     /// Angle of view in degrees that holds the volume's bounding sphere, from 0.001 to 170: the distance of cameras
-    /// that are placed.
+    /// that are placed; where a distance or an eye is stated, the angle across the shorter side of the picture.
     pub fov: f64,
     /// Part of each picture that is rendered; none for all of it.
     pub crop: Option<Window>,
@@ -100,6 +104,7 @@ impl Default for PictureSettings {
             input: PathBuf::new(),
             frame: None,
             views: None,
+            aim: AimSettings::default(),
             up: UpChoice::Auto,
             view: Vec::new(),
             layout: Layout::Sphere,
@@ -135,6 +140,13 @@ impl PictureSettings {
     /// If a value is none that its setting may have; the error names it.
     pub(in crate::app) fn check(&self) -> Result<()> {
         ranges::within("views", self.views, [1, 100_000])?;
+        self.aim.check()?;
+        let given = self.views.map(|_| "⟨views⟩").or(self.cameras.as_ref().map(|_| "⟨cameras⟩"));
+        if let (Some(given), Some(_)) = (given, self.aim.count()) {
+            return Err(Error::invalid(format!("{given} beside a camera that is stated"))
+                .coded(Code::Usage)
+                .hint(format!("leave {given} out, or ⟨from⟩, ⟨azimuth⟩, ⟨elevation⟩ and ⟨eye⟩")));
+        }
         ranges::size("size", self.size)?;
         ranges::fov("fov", self.fov)?;
         if let Some(DensityScale::Given(scale)) = self.density_scale {

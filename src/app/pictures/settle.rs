@@ -5,7 +5,6 @@
 use super::capture::Cameras;
 use super::settings::DensityScale;
 use super::settings::PictureSettings;
-use super::stage::SIZE;
 use super::subject::Subject;
 use crate::app::Context;
 use crate::app::provenance::Provenance;
@@ -17,7 +16,6 @@ use crate::formats::sequence::Pattern;
 use crate::plan::Effect;
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
-use crate::scene::orbit;
 use crate::scene::up::Up;
 use glam::DVec3;
 use std::path::PathBuf;
@@ -69,8 +67,7 @@ impl PictureSettings {
             let _ = self.measure(pattern, number, (template, cameras, cancel), &mut settled, &mut outline);
         }
         if let Some(up) = placed.filter(|_| !outline.is_empty()) {
-            let [width, height] = self.size.unwrap_or(SIZE);
-            let camera = orbit::cameras(&outline, 1, self.layout, width, height, self.fov, up).into_iter().next();
+            let camera = self.place(&outline, up).into_iter().next();
             settled.camera = camera.map(|camera| self.cropped(camera)).transpose()?;
         }
         settled.density_scale = settled.density_scale.filter(|_| auto);

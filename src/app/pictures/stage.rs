@@ -71,7 +71,7 @@ impl PictureSettings {
                 let is_stage = registry::sniff(path).is_ok_and(|format| matches!(format.kind, FileKind::Usd));
                 is_stage.then(|| Stage::open(path, limits))
             }
-            None if self.views.is_none() && self.shows_stage()? => Some(self.stage(limits)),
+            None if self.placed().is_none() && self.shows_stage()? => Some(self.stage(limits)),
             None => None,
         };
         let Some(stage) = stage.transpose()? else {
@@ -111,11 +111,13 @@ impl PictureSettings {
     /// # Errors
     /// If there is no template, and `views` is not given.
     pub(in crate::app) fn check_cameras(&self, template: Option<&Capture>) -> Result<()> {
-        if template.is_some() || self.views.is_some() {
+        if template.is_some() || self.placed().is_some() {
             return Ok(());
         }
-        Err(Error::invalid("no cameras: one of ⟨views⟩ and ⟨cameras⟩ is required")
-            .hint("give ⟨views=N⟩ to place cameras around the volume, or ⟨cameras⟩ with a capture or USD stage"))
+        Err(Error::invalid("no cameras: one of ⟨views⟩ and ⟨cameras⟩ is required").hint(
+            "give ⟨views=N⟩ to place cameras around the volume, one by ⟨from⟩, ⟨azimuth⟩ or ⟨eye⟩, or ⟨cameras⟩ \
+                 with a capture or USD stage",
+        ))
     }
 
     /// Opens the stage that is rendered.

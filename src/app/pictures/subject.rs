@@ -205,7 +205,8 @@ impl PictureSettings {
         if self.model.or(template.map(|c| c.model)) == Some(Model::PreShaded) && self.transfer.tf.is_none() {
             return Ok((volume::read_pre_shaded(&self.input, self.grid.as_deref(), &self.scan, limits)?, None));
         }
-        let (grid, loaded) = volume::read_with_function(&self.input, self.grid.as_deref(), (&self.scan, &self.transfer), limits)?;
+        let (grid, loaded) =
+            volume::read_with_function(&self.input, self.grid.as_deref(), (&self.scan, &self.transfer), limits)?;
         let function = self.function(loaded, template);
         let transfer = function.as_ref().map(|function| &function.transfer);
         let field = volume::arrange(&grid, transfer, limits).map_err(|e| e.at(&self.input))?;

@@ -2,6 +2,7 @@
 
 use super::accuracy::{Made, PictureError, REPLICATES, SAMPLES, SCENE, STOPPED, Streams};
 use super::{RenderSettings, straight};
+use crate::app::pictured::{self, PictureCamera};
 use crate::app::pictures::PictureSettings;
 use crate::app::pictures::renderer::SceneRenderer;
 use crate::app::provenance::{self, Provenance};
@@ -13,12 +14,13 @@ use crate::render::film::Replicates;
 use crate::render::renderer::Renderer;
 use crate::scene::camera::Camera;
 use crate::scene::film::Film;
+use crate::scene::scene::Scene;
 use serde_json::{Value, json};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Settings on which the expected values of a picture do not depend, or whose content is known otherwise: that of its
 /// inputs by their bytes, that of its view by its camera and its number.
-const APART: [&str; 21] = [
+const APART: [&str; 28] = [
     "output",
     "overwrite",
     "png",
@@ -35,6 +37,13 @@ const APART: [&str; 21] = [
     "input",
     "cameras",
     "views",
+    "from",
+    "azimuth",
+    "elevation",
+    "distance",
+    "eye",
+    "target",
+    "orthographic",
     "view",
     "frame",
     "samples",
@@ -51,11 +60,13 @@ pub(super) struct Pictured<'p> {
     /// Number of the view or frame.
     pub number: usize,
     pub camera: &'p Camera,
+    /// What the picture shows.
+    pub scene: &'p Scene,
 }
 
 impl Pictured<'_> {
     /// Returns the hash of what the picture shows: pictures of the same one have the same expected values.
-    fn scene(&self, settings: &RenderSettings) -> String {
+    fn hash(&self, settings: &RenderSettings) -> String {
         let settings = RenderSettings { pictures: self.pictures.clone(), ..settings.clone() };
         let mut value = serde_json::to_value(&settings).unwrap_or_default();
         if let Value::Object(settings) = &mut value {
@@ -68,6 +79,34 @@ impl Pictured<'_> {
         provenance::hash_of_settings("picture", &whole, &[])
     }
 
+    /// Returns the camera of the picture; that of the whole picture, of which it may be a part in a file of its own.
+    fn pictured_camera(&self, whole: Option<[usize; 2]>) -> PictureCamera {
+        let camera = PictureCamera::new(self.camera, self.pictures.focus(self.scene));
+        match (whole, self.pictures.crop) {
+            (Some(size), Some(part)) => camera.within(size, part.origin),
+            _ => camera,
+        }
+    }
+
+    /// Writes the picture and what goes with it as the names say, with its camera.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub(super) fn write(
+        &self,
+        settings: &RenderSettings,
+        files: &[PathBuf],
+        (film, mut attributes): (&Film, Attributes),
+        whole: Option<[usize; 2]>,
+    ) -> Result<()> {
+        for file in files {
+            // A PNG has no place for the whole picture.
+            self.pictured_camera(whole.filter(|_| EXR.has_name(file))).describe(&mut attributes);
+            settings.write_picture(file, film, &attributes, whole)?;
+        }
+        Ok(())
+    }
+
     /// Returns the attributes of the picture: where it comes from, and what it can be joined with and goes on from.
     pub(super) fn attributes(
         &self,
@@ -76,11 +115,12 @@ impl Pictured<'_> {
         (film, error): (&Film, Option<&PictureError>),
     ) -> Attributes {
         let mut all = self.provenance.attributes();
+        pictured::describe_background(self.pictures.background, self.scene, &mut all);
         if !matches!(renderer.renderer, Renderer::Paths(_)) {
             straight::describe(renderer, film, settings.accuracy.target_error.is_some(), &mut all);
             return all;
         }
-        all.insert(SCENE.into(), self.scene(settings));
+        all.insert(SCENE.into(), self.hash(settings));
         match error {
             Some(error) => error.describe(&settings.accuracy, &mut all),
             None => {
@@ -99,7 +139,7 @@ impl Pictured<'_> {
             return None;
         }
         let read = protected::unprotected(path, || Made::read(path, self.pictures.limits)).ok()?;
-        if read.attributes.get(SCENE) != Some(&self.scene(settings)) {
+        if read.attributes.get(SCENE) != Some(&self.hash(settings)) {
             return None;
         }
         let Made { replicates: made, streams } = read.made;

@@ -159,9 +159,10 @@ impl RenderSettings {
             pictures.view.clear();
         }
         let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
-        if self.pictures.views.is_some_and(|views| views > 1) {
-            return Err(Error::invalid("⟨views⟩: a sequence has one picture for each frame")
-                .hint("give ⟨views=1⟩ for a camera at rest, or ⟨cameras⟩ with one for each frame"));
+        if self.pictures.placed().is_some_and(|views| views > 1) {
+            return Err(Error::invalid("several views: a sequence has one picture for each frame").hint(
+                "give ⟨views=1⟩ or one side with ⟨from⟩ for a camera at rest, or ⟨cameras⟩ with one for each frame",
+            ));
         }
         let paths = numbers.iter().map(|number| target.picture(&format!("frame.{number:04}.exr")));
         let frames: Vec<(u32, PathBuf)> = numbers.iter().copied().zip(paths).collect();
@@ -421,8 +422,13 @@ impl Sequence<'_> {
         let renderer = self.render.renderer(&self.pictures, plan, scene, &[*camera], &self.cancel)?;
         let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
         self.render.accuracy.check_paths(matches!(renderer.renderer, Renderer::Paths(_)))?;
-        let pictured =
-            Pictured { provenance: &shot.provenance, pictures: &self.pictures, number: number as usize, camera };
+        let pictured = Pictured {
+            provenance: &shot.provenance,
+            pictures: &self.pictures,
+            number: number as usize,
+            camera,
+            scene: &shot.scene,
+        };
         let earlier = pictured.begun(self.render, path);
         let view = (number as usize, view, turn);
         let (rendered, error) = self.render.picture(&renderer, view, earlier, (&self.cancel, progress), context)?;
@@ -432,9 +438,7 @@ impl Sequence<'_> {
         let mut attributes = pictured.attributes(self.render, &renderer, (&film, error.as_ref()));
         attributes.insert("cumulo:frame".into(), number.to_string());
         let whole = self.pictures.whole(self.target, self.template.as_ref().and_then(|c| c.frames.first()));
-        for file in self.render.files_of(path) {
-            self.render.write_picture(&file, &film, &attributes, whole)?;
-        }
+        pictured.write(self.render, &self.render.files_of(path), (&film, attributes), whole)?;
         // A frame that was stopped is there to go on from, and the last.
         match error.as_ref().is_some_and(PictureError::is_stopped) {
             true => Err(Error::cancelled()),

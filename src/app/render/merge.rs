@@ -5,6 +5,7 @@ use crate::app::Context;
 use crate::app::earlier::{Keys, Policy};
 use crate::app::inputs;
 use crate::app::outputs::{self, Content};
+use crate::app::pictured;
 use crate::app::provenance::Provenance;
 use crate::app::ranges;
 use crate::app::use_case::{Report, use_case};
@@ -145,6 +146,8 @@ impl MergeSettings {
         let Measured { rendered, error } = Measured::of(&made, &accuracy, known);
         let mut all = provenance.attributes();
         all.extend(scene.map(|scene| (SCENE.to_owned(), scene)));
+        let kept = |name: &str| Some((name.to_owned(), attributes.get(name)?.clone()));
+        all.extend(pictured::NAMES.into_iter().filter_map(kept));
         error.describe(&accuracy, &mut all);
         let Placement { display, .. } = placement;
         match display == [rendered.film.width, rendered.film.height] {

@@ -333,7 +333,7 @@ pub(in crate::app) fn remarks(
     let cameras = template.filter(|_| subject.is_scene()).map_or(&[][..], |capture| &capture.remarks);
     let lights = if subject.is_scene() { None } else { pictures.other_light() };
     let unmet = match (subject, transfer) {
-        (Subject::Grids(Grids::Density(field)), Some(transfer)) => {
+        (Subject::Grids { grids: Grids::Density(field), .. }, Some(transfer)) => {
             values::unmet(field, transfer, pictures.transfer.unit())
         }
         _ => None,

@@ -25,8 +25,8 @@ use crate::plan::Plan;
 use crate::render::film::Rendered;
 use crate::render::integrator::Counts;
 use crate::render::renderer::Renderer;
-use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Model};
+use crate::scene::scene::Scene;
 use crate::wording::all_worded;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -210,7 +210,7 @@ impl RenderSettings {
         let pictures = &self.pictures;
         let template = pictures.template(None, &mut provenance)?;
         pictures.check_cameras(template.as_ref())?;
-        let stated = template.as_ref().map_or(pictures.views.unwrap_or(1) as usize, |capture| capture.frames.len());
+        let stated = template.as_ref().map_or(pictures.placed().unwrap_or(1) as usize, |capture| capture.frames.len());
         let numbers = pictures.chosen(stated)?;
         target.holds(numbers.len(), "views", "⟨view=N⟩")?;
         if self.resume && (numbers.len() > 1 || !self.accuracy.on()) {
@@ -315,8 +315,7 @@ impl Views<'_> {
         let visibility = Visibility::default();
         settings.accuracy.check_paths(matches!(renderer.renderer, Renderer::Paths(_)))?;
         let deadline = Deadline::new(begun, &settings.accuracy, self.numbers.len());
-        let (counts, errors, bound) =
-            self.all(&renderer, &scene.cameras, &waiting, (deadline, &visibility), context)?;
+        let (counts, errors, bound) = self.all(&renderer, &scene, &waiting, (deadline, &visibility), context)?;
         for remark in visibility.remarks(self.capture.transfer.is_some(), plan.as_ref()) {
             context.note(format!("remark: {remark}"));
             self.remarks.push(remark);
@@ -341,7 +340,7 @@ impl Views<'_> {
     fn all(
         &self,
         renderer: &SceneRenderer<'_>,
-        cameras: &[Camera],
+        scene: &Scene,
         waiting: &[Vec<PathBuf>],
         (mut deadline, visibility): (Deadline, &Visibility),
         context: &Context,
@@ -349,8 +348,8 @@ impl Views<'_> {
         let Self { settings, numbers, whole, provenance, capture, cancel, .. } = self;
         let bar = context.pictures(numbers.len() as u64, "render");
         let view = |place: usize, turn: Turn| {
-            let (progress, camera, number) = (bar.picture(), &cameras[place], numbers[place]);
-            let pictured = Pictured { provenance, pictures: &settings.pictures, number, camera };
+            let (progress, camera, number) = (bar.picture(), &scene.cameras[place], numbers[place]);
+            let pictured = Pictured { provenance, pictures: &settings.pictures, number, camera, scene };
             let earlier = pictured.begun(settings, &capture.frames[place].picture);
             let view = (number, camera.into(), turn);
             let (rendered, error) = settings.picture(renderer, view, earlier, (cancel, &progress), context)?;
@@ -361,7 +360,7 @@ impl Views<'_> {
             let Rendered { film, counts } = rendered;
             visibility.add(&film);
             let attributes = pictured.attributes(settings, renderer, (&film, error.as_ref()));
-            waiting[place].iter().try_for_each(|file| settings.write_picture(file, &film, &attributes, *whole))?;
+            pictured.write(settings, &waiting[place], (&film, attributes), *whole)?;
             let bound = match &renderer.renderer {
                 Renderer::Direct(direct) if settings.accuracy.on() => Some(straight::relative_bound(direct, &film)),
                 _ => None,

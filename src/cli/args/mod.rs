@@ -1,6 +1,7 @@
 //! Groups of options that several commands share, each as the settings of the use cases that it becomes.
 
 pub(crate) mod accuracy;
+pub(crate) mod aim;
 pub(crate) mod frames;
 pub(crate) mod pictures;
 pub(crate) mod refinement;

@@ -2,7 +2,7 @@
 
 use super::read_as;
 use crate::app::pictures::scattering::ScatteringSettings;
-use crate::app::pictures::{DensityScale, PictureSettings, PlanningSettings};
+use crate::app::pictures::{AimSettings, DensityScale, PictureSettings, PlanningSettings};
 use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
@@ -33,7 +33,9 @@ struct PictureArgs {
         value_parser = clap::value_parser!(u32).range(1..=100_000),
     )]
     views: Option<u32>,
-    /// Axis that points upwards, about which --views are placed
+    #[command(flatten)]
+    aim: AimSettings,
+    /// Axis that points upwards, about which cameras are placed
     #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto, conflicts_with = "cameras")]
     up: UpChoice,
     /// Render these of the views alone, counted from 0: numbers and ranges such as 0,4-7
@@ -48,7 +50,8 @@ struct PictureArgs {
     #[arg(long, value_name = "WxH", value_parser = parse::size)]
     size: Option<[u32; 2]>,
     /// Angle of view in degrees that holds the volume's bounding sphere: it sets how far away the cameras of --views
-    /// stand; the volume fills the pictures whatever it is
+    /// stand; the volume fills the pictures whatever it is. With --distance or --eye, the angle across the shorter side
+    /// of the picture
     #[arg(
         long,
         value_name = "DEGREES",
@@ -141,6 +144,7 @@ impl From<PictureArgs> for PictureSettings {
             limits: args.memory.limits(),
             input: args.input,
             views: args.views,
+            aim: args.aim,
             up: args.up,
             view: args.view,
             layout: args.layout,

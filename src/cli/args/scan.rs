@@ -2,7 +2,7 @@
 
 use super::read_as;
 use crate::app::scan::ScanSettings;
-use crate::cli::parse::{number, positive};
+use crate::cli::parse::{number, point, positive};
 use crate::formats::imaging::options::Axes;
 use crate::formats::imaging::volume::GridType;
 
@@ -72,13 +72,6 @@ read_as!(ScanSettings, ScanArgs);
 
 fn numbers(text: &str) -> Result<Vec<f64>, String> {
     text.split(',').map(number).collect()
-}
-
-fn point(text: &str) -> Result<[f64; 3], String> {
-    match numbers(text)?[..] {
-        [x, y, z] => Ok([x, y, z]),
-        ref other => Err(format!("{} numbers, three are needed: x,y,z", other.len())),
-    }
 }
 
 fn spacing(text: &str) -> Result<[f64; 3], String> {

@@ -59,6 +59,14 @@ const TABLE: &[Examples] = &[
         ],
     ),
     (
+        "figure",
+        &[
+            "cumulo figure bone.png -o figure.svg --title 'Skull' --tf ct-bone --legend-label Density --unit HU",
+            "cumulo figure a.exr b.exr c.exr -o figure.pdf --label A,B,C --scale-bar --length-unit mm --width 180mm",
+            "cumulo figure head.exr -o head.png --orientation anatomical --scale-bar=50 --width 1200px",
+        ],
+    ),
+    (
         "gradient",
         &[
             "cumulo gradient smoke.vdb --wrt density --loss l2 --target shots -o slopes.vdb",
@@ -108,7 +116,7 @@ const TABLE: &[Examples] = &[
             "cumulo render smoke.vdb --views 1 --albedo 0.9 --sun 1,1,2 --sky 0.1 --samples 64 -o lit",
             "cumulo render 'smoke.####.vdb' --frames 1-24 --views 1 --density-scale auto -o frames",
             "cumulo render found.vdb --cameras shots -o again",
-            "cumulo render ct.vdb --tf ct-bone --tf-range 0,1 --views 1 -o bone.png",
+            "cumulo render ct.vdb --tf ct-bone --tf-range 0,1 --from anterior,left -o bone",
         ],
     ),
     ("report", &["cumulo report page --reference smoke.vdb"]),

@@ -37,6 +37,12 @@ const TABLE: [(&str, &[&str]); 11] = [
         CAMERAS,
         &[
             "views",
+            "from",
+            "azimuth",
+            "elevation",
+            "distance",
+            "eye",
+            "orthographic",
             "layout",
             "size",
             "fov",

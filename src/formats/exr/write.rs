@@ -20,7 +20,8 @@ pub type Attributes = BTreeMap<String, String>;
 /// or, if `half`, 16-bit float. The file appears whole or not at all, and equal input gives equal bytes.
 ///
 /// `attributes` become text attributes of the header, readable with `exrheader` or `oiiotool --info`; `software`,
-/// `comments` and `owner` are the standard ones.
+/// `comments` and `owner` are the standard ones; `worldToCamera` and `worldToNDC` are matrices of sixteen numbers, row
+/// by row.
 ///
 /// # Errors
 /// If the film is empty or its size contradicts its pixels, if a plane's name is not unique, not ASCII or not of 1 to
@@ -137,6 +138,8 @@ fn layer_attributes(attributes: &Attributes) -> Result<LayerAttributes> {
             "software" => own.software_name = Some(text),
             "comments" => own.comments = Some(text),
             "owner" => own.owner = Some(text),
+            "worldToCamera" => own.world_to_camera = Some(matrix(name, value)?),
+            "worldToNDC" => own.world_to_normalized_device = Some(matrix(name, value)?),
             _ => {
                 let fits = (1..256).contains(&name.len()) && !name.contains('\0');
                 if !fits || standard_names::ALL.contains(&name.as_bytes()) {
@@ -148,6 +151,14 @@ fn layer_attributes(attributes: &Attributes) -> Result<LayerAttributes> {
         }
     }
     Ok(own)
+}
+
+/// Reads the sixteen numbers of a matrix, row by row.
+fn matrix(name: &str, text: &str) -> Result<[f32; 16]> {
+    let numbers = text.split_ascii_whitespace().map(str::parse).collect::<Result<Vec<f32>, _>>().ok();
+    numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| {
+        Error::invalid(format!("the attribute '{name}' is '{text}', which is no matrix")).hint("give sixteen numbers")
+    })
 }
 
 /// Sorts the attributes of a file in place, since the `exr` crate writes them in the order of a randomly seeded hash

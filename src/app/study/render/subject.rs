@@ -71,9 +71,9 @@ impl RenderStudySettings {
         let cameras = Cameras::around(up.as_ref());
         let name = |name: &str| PathBuf::from(name);
         let capture = pictures.capture(name, &subject, transfer, template.as_ref(), cameras)?;
-        let stated = template.as_ref().map_or(pictures.views.unwrap_or(1) as usize, |capture| capture.frames.len());
+        let stated = template.as_ref().map_or(pictures.placed().unwrap_or(1) as usize, |capture| capture.frames.len());
         let numbers = pictures.chosen(stated)?;
-        if template.is_none() {
+        if template.is_none() && pictures.placed().is_none() {
             pictures.views.get_or_insert(1);
         }
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
