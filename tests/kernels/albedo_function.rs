@@ -248,7 +248,7 @@ fn emission_without_scattering_is_that_of_each_density() {
     (scene.lights, scene.environment) = (Vec::new(), Environment::default());
     let plan = Plan::new(&scene, &scene.cameras, &request(1e9)).unwrap();
     assert_eq!(plan.integrator, Integrator::DirectVolumeRendering, "all may be left out");
-    let plan = Plan::new(&scene, &scene.cameras, &request(0.01)).unwrap();
+    let plan = Plan::new(&scene, &scene.cameras, &request(0.05)).unwrap();
     let states = [Effect::Emission, Effect::Scattering].map(|effect| plan.state(effect));
     assert_eq!((states, plan.limits.max_bounces), ([State::On, State::Off], 0), "{plan:#?}");
     assert_eq!(plan.integrator, Integrator::PathTracing);

@@ -3,6 +3,7 @@
 
 mod aim;
 mod capture;
+pub(in crate::app) mod colors;
 pub mod renderer;
 pub mod scales;
 pub mod scattering;
