@@ -164,8 +164,8 @@ fn every_command_takes_a_scan() {
         }
     }
     work.json("view a.nii -o a.png --size 32");
-    work.json("study render a.nii --views 1 --size 8x8 --knobs step --repeats 1 --budget 2s -o study");
-    work.json("study gradient a.nii --wrt extinction --views 1 --size 8x8 --repeats 1 --budget 2s -o derivatives");
+    work.json("study render a.nii --views 1 --size 8x8 --knobs step --repeats 1 --budget 2 -o study");
+    work.json("study gradient a.nii --wrt extinction --views 1 --size 8x8 --repeats 1 --budget 2 -o derivatives");
     work.json(&format!("render a.vdb {PICTURE} -o views"));
     work.json("motion a.nii --cameras views --frames 1-2 --samples 1 -o motion.####.exr");
     std::fs::copy(work.path("a.nii"), work.path("s.01.nii")).unwrap();
