@@ -113,6 +113,19 @@ fn entry(Measured { header, spacing, spread }: Measured) -> Entry {
     }
 }
 
+impl Summary {
+    /// Returns the images in a line.
+    pub(super) fn line(&self) -> String {
+        let of = |entry: &Entry| {
+            let [x, y, z] = entry.size;
+            let range = entry.statistics.min.zip(entry.statistics.max);
+            let range = range.map(|(min, max)| format!(", min {min}, max {max}")).unwrap_or_default();
+            format!("{x} x {y} x {z} voxels{range}")
+        };
+        self.images.iter().map(of).collect::<Vec<_>>().join("; ")
+    }
+}
+
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.kind)?;

@@ -76,6 +76,7 @@ impl InfoSettings {
 fn line(content: &Content) -> String {
     match content {
         Content::Vdb(volume) => volume.line(),
+        Content::Image(image) => image.line(),
         Content::Exr(picture) => {
             let [width, height] = picture.display_window.size;
             let layers: usize = picture.parts.iter().map(|part| part.layers.len()).sum();

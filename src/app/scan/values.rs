@@ -117,7 +117,10 @@ fn second_pass(
                 sum += count;
                 sum as f64 >= wanted
             });
-            bins.low + (at.unwrap_or_default() as f64 + bins.inside) * bins.width
+            match at.unwrap_or_default() {
+                0 => bins.low,
+                at => bins.low + (at as f64 + bins.inside) * bins.width,
+            }
         };
         measured.spread.percentiles =
             PERCENTS.iter().map(|percent| Percentile { percent: *percent, value: value(*percent) }).collect();

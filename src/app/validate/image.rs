@@ -72,5 +72,8 @@ fn values(name: &str, Measured { header, spacing, spread }: &Measured, findings:
         of(spread.max == Some(0.0), what, "check that the recording or the export reached this file");
     }
     // Remarks of the reader say what it has assumed.
-    header.notes.iter().for_each(|note| of(false, note.clone(), "nothing needs to be done if that is so"));
+    header
+        .notes
+        .iter()
+        .for_each(|note| of(false, note.clone(), "check that this is so: the volume is read in this way"));
 }

@@ -33,7 +33,7 @@ struct ScanArgs {
     /// Edge of a voxel in world units, for arrays, stacks and raw files
     #[arg(
         id = "voxel_edge",
-        long,
+        long = "voxel-size",
         value_name = "VOXEL",
         value_parser = positive,
         conflicts_with_all = ["transform", "spacing"],
