@@ -26,7 +26,7 @@ fn parts(svg: &str) -> (Vec<String>, Vec<String>) {
                 elements.push(String::from_utf8(start.name().as_ref().to_vec()).unwrap());
             }
             Event::Text(text) if elements.last().is_some_and(|name| name == "text") => {
-                texts.push(String::from_utf8(text.to_vec()).unwrap());
+                texts.push(text.into_inner().to_string());
             }
             Event::End(_) => elements.push(String::new()),
             Event::Eof => break,

@@ -302,7 +302,7 @@ mod tests {
     }
 
     fn grey(space: Space, opacities: Option<Vec<OpacityKnot>>) -> Preset {
-        Preset { space, colors: vec![[0.0, 0.5, 0.5, 0.5], [2.0, 0.5, 0.5, 0.5]], opacities }
+        Preset { space, colors: vec![[0.0, 0.5, 0.5, 0.5], [2.0, 0.5, 0.5, 0.5]], opacities, diverging: false }
     }
 
     #[test]
@@ -345,6 +345,7 @@ mod tests {
             space: Space::Step,
             colors: vec![[0.0, 0.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0], [2.0, 0.0, 1.0, 0.0]],
             opacities: Some(vec![[0.0, 0.0, 0.25, 1.0], [2.0, 0.5, 0.5, 0.0]]),
+            diverging: false,
         };
         let s = -(0.5_f64.ln());
         let (black, red, green) = ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
@@ -397,7 +398,7 @@ mod tests {
                 Space::Rgb, Space::Hsv { wrap: false }, Space::Hsv { wrap: true }, Space::Lab, Space::Diverging,
             ][space];
             let knot = |d: f64, c: [f64; 3]| [d, c[0], c[1], c[2]];
-            let preset = Preset { space, colors: vec![knot(-1.0, from), knot(3.0, to)], opacities: None };
+            let preset = Preset { space, colors: vec![knot(-1.0, from), knot(3.0, to)], opacities: None, diverging: false };
             let got = preset.transfer(&Options::default()).unwrap().0.table().unwrap();
             for i in 0..=1000 {
                 let s = f64::from(i) / 1000.0;
@@ -427,6 +428,7 @@ mod tests {
                 space: spaces[space],
                 colors: colors.into_iter().map(near).collect(),
                 opacities: opacities.map(|o| o.into_iter().map(near).collect()),
+                diverging: false,
             };
             let (transfer, _) = preset.transfer(&Options::default()).unwrap();
             prop_assert!(transfer.table().unwrap().peak()[3] < 7.0);
