@@ -23,7 +23,7 @@ fn parts(svg: &str) -> (Vec<String>, Vec<String>) {
     loop {
         match reader.read_event().unwrap() {
             Event::Start(start) | Event::Empty(start) => {
-                elements.push(String::from_utf8(start.name().as_ref().to_vec()).unwrap());
+                elements.push(start.name().as_ref().to_owned());
             }
             Event::Text(text) if elements.last().is_some_and(|name| name == "text") => {
                 texts.push(text.into_inner().to_string());

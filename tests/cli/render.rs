@@ -237,8 +237,7 @@ fn pictures_and_json_say_where_they_come_from() {
     let work = Work::new();
     work.json("render @cube.vdb --views 2 --size 8x8 -o cap");
     let attributes = exr::header(&work.path("cap/view_000.exr")).unwrap().attributes();
-    let json: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(work.path("cap/transforms.json")).unwrap()).unwrap();
+    let json: Value = serde_json::from_slice(&std::fs::read(work.path("cap/transforms.json")).unwrap()).unwrap();
     let provenance = &json["provenance"];
     assert_eq!(provenance["software"], concat!("cumulo ", env!("CARGO_PKG_VERSION")));
     assert_eq!(attributes["software"], provenance["software"].as_str().unwrap());
@@ -383,7 +382,7 @@ fn planes_come_with_the_picture() {
     assert_eq!(plain.rgba, film.rgba, "planes change no pixel");
     assert!(plain.planes.is_empty());
     // The same rays as pixels of a picture of twice the size.
-    let mut larger: serde_json::Value =
+    let mut larger: Value =
         serde_json::from_str(&std::fs::read_to_string(work.path("planes/transforms.json")).unwrap()).unwrap();
     for key in ["w", "h"] {
         larger[key] = (2 * larger[key].as_u64().unwrap()).into();
