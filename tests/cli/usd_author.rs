@@ -290,7 +290,8 @@ fn every_key_of_a_scene_file_is_authored() {
                 "velocity": {"grid": "wind", "fps": 30}},
             {"file": "plume.vdb", "transform": [[1, 0, 0, 0.5], [0, 1, 0, -0.3], [0, 0, 1, 0.4], [0, 0, 0, 1]],
                 "medium": {"density_scale": 0.5, "albedo": [0.2, 0.4, 0.3], "emission": [0.5, 0.25, 1]}},
-            {"file": "cube.vdb", "medium": {"density_scale": 0.25, "transfer": "inferno.tf.json"}}
+            {"file": "cube.vdb", "medium": {"density_scale": 0.25, "transfer": "inferno.tf.json",
+                "tf_color": "both"}}
         ],
         "lights": [
             {"type": "DistantLight", "direction": [1, 0.5, 0.7], "irradiance": [3, 2, 1], "angle": 2},
