@@ -6,6 +6,7 @@
 //! (1 - q)` (the Neumann series of the radiative transfer equation in the maximum norm). A source whose radiance is
 //! nowhere above R never makes more than R, however often it is scattered.
 
+use crate::render::path::specular_peak;
 use crate::scene::light::LightBounds;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::phase::Phase;
@@ -63,6 +64,9 @@ impl Media {
             if scattering.gradient_shading.is_some() {
                 // A Lambertian surface scatters most along its normal.
                 peak = f64::max(peak, FRAC_1_PI);
+            }
+            if let Some(specular) = scattering.specular {
+                peak = f64::max(peak, specular_peak(specular));
             }
         }
         // 1 - q without the difference of nearly equal numbers.

@@ -35,12 +35,51 @@ pub struct Scattering {
     /// Lambertian surface across the gradient. Of a gradient of `r` times that much, the share is `r² / (1 + r²)`.
     /// `None` for scattering by the phase function alone.
     pub gradient_shading: Option<f64>,
+    /// Specular reflection of the surfaces of gradient shading; `None` for surfaces that are matt.
+    pub specular: Option<Specular>,
+}
+
+/// Specular reflection of a rough surface: microfacets of the GGX distribution, whose light is white whatever the albedo.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Specular {
+    /// Reflectance at normal incidence, above 0 and at most 1.
+    pub reflectance: f64,
+    /// Width α of the distribution of the microfacets' slopes, 0.05 to 1.
+    pub roughness: f64,
+}
+
+impl Specular {
+    /// Least and greatest roughness.
+    pub const ROUGHNESS: [f64; 2] = [0.05, 1.0];
+    /// Roughness unless stated.
+    pub const USUAL_ROUGHNESS: f64 = 0.3;
+
+    /// Returns the reflection of what settings and files state; `None` for a reflectance of 0.
+    pub fn of(reflectance: f64, roughness: Option<f64>) -> Option<Self> {
+        let roughness = roughness.unwrap_or(Self::USUAL_ROUGHNESS);
+        (reflectance != 0.0).then_some(Self { reflectance, roughness })
+    }
+
+    /// Refuses numbers out of their ranges.
+    fn check(self) -> Result<()> {
+        let Self { reflectance, roughness } = self;
+        let [least, most] = Self::ROUGHNESS;
+        if !(reflectance > 0.0 && reflectance <= 1.0) {
+            return Err(Error::invalid(format!("specular reflectance {reflectance} must lie between 0 and 1"))
+                .hint("it is the share of the light that a surface reflects at normal incidence: 0.04 of plastic"));
+        }
+        if !(least..=most).contains(&roughness) {
+            return Err(Error::invalid(format!("roughness {roughness} must lie between {least} and {most}"))
+                .hint("it is the width of the distribution of the microfacets' slopes"));
+        }
+        Ok(())
+    }
 }
 
 impl Scattering {
     /// Creates scattering by a phase function.
     pub const fn new(albedo: [f32; 3], phase: Phase) -> Self {
-        Self { albedo, phase, gradient_shading: None }
+        Self { albedo, phase, gradient_shading: None, specular: None }
     }
 }
 
@@ -131,7 +170,7 @@ impl Medium {
             return Err(Error::invalid(format!("source radiance {c:?} must be finite and not negative"))
                 .hint("correct ⟨emission⟩, or the capture's emission"));
         }
-        if let Some(Scattering { albedo, phase, gradient_shading }) = self.scattering {
+        if let Some(Scattering { albedo, phase, gradient_shading, specular }) = self.scattering {
             if albedo.iter().any(|v| !(0.0..=1.0).contains(v)) {
                 return Err(Error::invalid(format!("albedo {albedo:?} must lie between 0 and 1"))
                     .hint("the albedo is the share of the extinction that is scattered; more would make light"));
@@ -142,6 +181,13 @@ impl Medium {
                     "it is the change of the density per world length at which half of the scattering is a surface's",
                 ));
             }
+            if let Some(specular) = specular {
+                specular.check()?;
+                if gradient_shading.is_none() {
+                    return Err(Error::invalid("a specular reflection without surfaces")
+                        .hint("⟨gradient_shading⟩ makes surfaces where the density changes"));
+                }
+            }
         }
         Ok(self)
     }
@@ -151,8 +197,16 @@ impl Medium {
         self.albedo_bounds()[1] != [0.0; 3]
     }
 
-    /// Returns the least and the greatest albedo over all densities, by channel.
+    /// Returns the least and the greatest share that is scattered, over all densities and directions, by channel.
     pub(crate) fn albedo_bounds(&self) -> [[f32; 3]; 2] {
+        let [least, most] = self.matt_albedo_bounds();
+        // At grazing incidence all may be reflected.
+        let shines = self.scattering.is_some_and(|scattering| scattering.specular.is_some());
+        [least, if shines { [1.0; 3] } else { most }]
+    }
+
+    /// Returns the least and the greatest albedo over all densities, by channel.
+    fn matt_albedo_bounds(&self) -> [[f32; 3]; 2] {
         let albedo = self.scattering.map_or([0.0; 3], |scattering| scattering.albedo);
         let times = |color: [f64; 3]| [0, 1, 2].map(|c| albedo[c] * color[c] as f32);
         self.albedo_function.as_ref().map_or([albedo; 2], |function| function.bounds().map(times))
@@ -191,6 +245,22 @@ mod tests {
         assert_eq!(colored.albedo_bounds(), [[0.0, 0.25, 0.0], [0.25, 0.75, 0.0]]);
         assert!(colored.scatters() && colored.densest_channel() == Medium::absorbing(1.0));
         assert!(!Medium { scattering: Some(Scattering::new([0.0, 0.0, 1.0], Phase::Isotropic)), ..colored }.scatters());
+        for (reflectance, roughness, word) in [(0.0, 0.3, "reflectance"), (1.1, 0.3, "1.1"), (0.5, 0.01, "0.01")] {
+            let specular = Some(Specular { reflectance, roughness });
+            let medium = Medium { scattering: Some(Scattering { specular, ..shaded(1.0) }), ..Medium::absorbing(1.0) };
+            assert!(medium.checked().unwrap_err().to_string().contains(word));
+        }
+        let specular = Some(Specular { reflectance: 0.04, roughness: 0.3 });
+        let shiny = |half| Medium {
+            scattering: Some(Scattering {
+                specular,
+                gradient_shading: half,
+                ..Scattering::new([0.0; 3], Phase::Isotropic)
+            }),
+            ..Medium::absorbing(1.0)
+        };
+        assert!(shiny(Some(1.0)).checked().unwrap().scatters());
+        assert!(shiny(None).checked().unwrap_err().to_string().contains("without surfaces"));
         let dark = Medium::new(1.0, Source::Linear([-1.0, 0.0, 0.0]));
         assert!(dark.checked().unwrap_err().to_string().contains("not negative"));
     }

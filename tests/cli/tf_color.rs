@@ -211,3 +211,38 @@ fn scene_files_and_stages_state_the_meaning() {
     .unwrap();
     work.refused("render none.json --views 1 -o no", Code::Invalid, &["volume 0", "tf_color", "transfer"]);
 }
+
+/// Surfaces that reflect are brighter where they face between camera and light, by options, scene files and stages alike.
+#[test]
+fn surfaces_reflect_light() {
+    let work = Work::new();
+    let light = json!([{"type": "DistantLight", "direction": [1, 1, 2], "irradiance": [1, 1, 1], "angle": 0.53}]);
+    let options = "--views 1 --size 20x16 --density-scale 20 --samples 16 --albedo 0.5,0.1,0 --sun 1,1,2 \
+                   --gradient-shading 0.2";
+    let by_options = |more: &str, out: &str| {
+        work.json(&format!("render @plume.vdb {options} {more} -o {out}"));
+        work.picture(&format!("{out}/view_000.exr")).rgba
+    };
+    let matt = by_options("", "matt");
+    assert_eq!(by_options("--specular 0", "none"), matt);
+    let shiny = by_options("--specular 0.5 --roughness 0.4", "shiny");
+    // The reflection is white: blue that no albedo scatters.
+    let blue = |picture: &[[f32; 4]]| picture.iter().map(|pixel| pixel[2]).sum::<f32>();
+    assert!(blue(&matt) == 0.0 && blue(&shiny) > 0.1, "{}", blue(&shiny));
+    let record = record(&work, "shiny");
+    assert_eq!((&record["specular"], &record["roughness"]), (&json!(0.5), &json!(0.4)));
+    let medium = json!({"density_scale": 20, "albedo": [0.5, 0.1, 0.0], "gradient_shading": 0.2,
+        "specular": 0.5, "roughness": 0.4});
+    let scene = json!({"volumes": [{"file": fixture("plume.vdb"), "medium": medium}], "lights": light});
+    std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
+    work.text("usd author scene.json -o stage.usda");
+    for input in ["scene.json", "stage.usda"] {
+        work.json(&format!("render {input} --cameras shiny --samples 16 -o again --overwrite"));
+        assert_eq!(work.picture("again/view_000.exr").rgba, shiny, "{input}");
+    }
+    let render = "render @plume.vdb --views 1 --albedo 0.5";
+    work.refused(&format!("{render} --specular 0.5 -o no"), Code::Invalid, &["specular", "--gradient-shading"]);
+    let bad = format!("{render} --gradient-shading 1");
+    work.refused(&format!("{bad} --specular 1.5 -o no"), Code::Invalid, &["specular", "0 to 1"]);
+    work.refused(&format!("{bad} --specular 1 --roughness 0.01 -o no"), Code::Invalid, &["roughness", "0.05"]);
+}

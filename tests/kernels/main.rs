@@ -32,6 +32,7 @@ mod plan;
 mod plan_measured;
 mod preshaded;
 mod preshaded_ways;
+mod specular;
 mod stability;
 mod statistical;
 mod tangent;

@@ -2,6 +2,7 @@
 //! calls for.
 
 mod capture;
+pub(in crate::app) mod colors;
 pub mod renderer;
 pub mod scales;
 pub mod scattering;

@@ -1,18 +1,18 @@
 //! Scattering media and their lights, and the scene that settings of them describe.
 
+use super::colors::Colors;
 use crate::app::ranges;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits as FileLimits;
 use crate::formats::scene_file::environment_map;
-use crate::formats::transfer::Function;
 use crate::formats::usd::ScatteringOverride;
 use crate::render::film::Sampling;
 use crate::render::integrator::Counts;
 use crate::render::path::Limits;
-use crate::scene::albedo::{AlbedoFunction, TransferColor};
+use crate::scene::albedo::TransferColor;
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
-use crate::scene::medium::Scattering;
+use crate::scene::medium::{Scattering, Specular};
 use crate::scene::phase::Phase;
 use crate::scene::scene::Scene;
 use glam::{DVec3, Vec3};
@@ -56,6 +56,10 @@ pub struct ScatteringSettings {
     /// Change of density per world length at which half of the light is scattered as by a surface; none for a medium
     /// alone.
     pub gradient_shading: Option<f64>,
+    /// Share of the light that these surfaces reflect at normal incidence, 0 to 1; none for that of a stage, else 0.
+    pub specular: Option<f64>,
+    /// Roughness of this reflection, the α of GGX, 0.05 to 1; none for that of a stage, else 0.3.
+    pub roughness: Option<f64>,
     /// Factors of the extinction in R, G and B; none for those of a stage, else 1.
     pub extinction_color: Option<[f32; 3]>,
     /// Vector from the volume towards a sun.
@@ -83,6 +87,8 @@ impl Default for ScatteringSettings {
             tf_color: None,
             anisotropy: None,
             gradient_shading: None,
+            specular: None,
+            roughness: None,
             extinction_color: None,
             sun: None,
             sun_color: [1.0; 3],
@@ -112,12 +118,14 @@ impl ScatteringSettings {
 
     /// Returns what the settings state of how a stage's media scatter; `None` without an albedo.
     pub fn overrides(&self) -> Option<ScatteringOverride> {
-        let Self { tf_color, anisotropy, gradient_shading, extinction_color, .. } = *self;
+        let Self { tf_color, anisotropy, gradient_shading, specular, roughness, extinction_color, .. } = *self;
         self.albedo.map(|albedo| ScatteringOverride {
             albedo,
             tf_color,
             anisotropy,
             gradient_shading,
+            specular,
+            roughness,
             extinction_color,
         })
     }
@@ -146,7 +154,8 @@ impl ScatteringSettings {
     pub fn scattering(&self) -> Option<Scattering> {
         let phase = Phase::of_anisotropy(self.anisotropy.unwrap_or_default());
         let gradient_shading = self.gradient_shading;
-        self.albedo.map(|albedo| Scattering { gradient_shading, ..Scattering::new(albedo, phase) })
+        let specular = Specular::of(self.specular.unwrap_or_default(), self.roughness);
+        self.albedo.map(|albedo| Scattering { gradient_shading, specular, ..Scattering::new(albedo, phase) })
     }
 
     /// Puts the environment and the lights of the settings into a scene.
@@ -203,6 +212,13 @@ impl ScatteringSettings {
             ranges::require("anisotropy", g, (-0.999..=0.999).contains(&g), "a number from -0.999 to 0.999")?;
         }
         ranges::positive("gradient_shading", self.gradient_shading)?;
+        if let Some(r) = self.specular {
+            ranges::require("specular", r, (0.0..=1.0).contains(&r), "a number from 0 to 1")?;
+        }
+        if let Some(a) = self.roughness {
+            let [least, most] = Specular::ROUGHNESS;
+            ranges::require("roughness", a, (least..=most).contains(&a), "a number from 0.05 to 1")?;
+        }
         ranges::radiance("extinction_color", self.extinction_color)?;
         if let Some(sun) = self.sun {
             let holds = DVec3::from_array(sun).normalize().is_normalized();
@@ -265,9 +281,15 @@ impl ScatteringSettings {
             "max_bounces": self.max_bounces,
             "clamp": self.clamp,
         });
-        if let (Some(Colors { color, own, .. }), Some(record)) = (colors, record.as_object_mut()) {
-            record.insert("tf_color".into(), json!(color));
-            record.extend(own.as_ref().map(|own| ("tf_albedo".to_owned(), json!({"points": own.points()}))));
+        let Some(entries) = record.as_object_mut() else { return record };
+        if let Some(Colors { color, own, .. }) = colors {
+            entries.insert("tf_color".into(), json!(color));
+            entries.extend(own.as_ref().map(|own| ("tf_albedo".to_owned(), json!({"points": own.points()}))));
+        }
+        let specular = Specular::of(self.specular.unwrap_or_default(), self.roughness);
+        if let Some(Specular { reflectance, roughness }) = specular {
+            entries.insert("specular".into(), json!(reflectance));
+            entries.insert("roughness".into(), json!(roughness));
         }
         record
     }
@@ -290,47 +312,6 @@ impl ScatteringSettings {
                 lost_radiance: counts.lost / counts.paths.max(1) as f64,
             }),
         }
-    }
-}
-
-/// What the colors of a transfer function are taken for in a medium that scatters light.
-#[derive(Debug, Clone, PartialEq)]
-pub(in crate::app) struct Colors {
-    /// Their meaning.
-    pub color: TransferColor,
-    /// True if the settings state it.
-    stated: bool,
-    /// Albedo that the function states beside its colors.
-    pub own: Option<Arc<AlbedoFunction>>,
-}
-
-impl Colors {
-    /// Returns what the colors of a function are taken for by the settings.
-    ///
-    /// # Errors
-    /// If the function cannot be used.
-    pub(crate) fn of(function: &Function, settings: &ScatteringSettings) -> Result<Self> {
-        let color = settings.tf_color.map_or_else(|| function.usual_color(), Ok)?;
-        Ok(Self { color, stated: settings.tf_color.is_some(), own: function.albedo.clone() })
-    }
-
-    /// Says what the colors were taken for, where no setting states it.
-    pub(crate) fn remark(&self) -> Option<String> {
-        if self.stated {
-            return None;
-        }
-        let taken = match (self.color, &self.own) {
-            (TransferColor::Albedo, _) => {
-                "the colors of the transfer function are its albedo, as all lie within 0 to 1, and nothing is emitted"
-            }
-            (TransferColor::Emission, _) => {
-                "the colors of the transfer function are emission, since some lie above 1, and the albedo is the same \
-                 for all densities"
-            }
-            (TransferColor::Both, Some(_)) => "the transfer function states its albedo, and its colors are emission",
-            (TransferColor::Both, None) => "the colors of the transfer function are its albedo and emission",
-        };
-        Some(format!("{taken}: ⟨tf_color⟩ states it otherwise"))
     }
 }
 
@@ -359,6 +340,8 @@ pub(crate) fn recorded(record: &Value) -> Option<String> {
         option("tf_color", "/tf_color"),
         option("anisotropy", "/anisotropy").filter(|words| words != "⟨anisotropy=0⟩"),
         option("gradient_shading", "/gradient_shading"),
+        option("specular", "/specular"),
+        option("roughness", "/roughness"),
         option("extinction_color", "/extinction_color").filter(|words| words != "⟨extinction_color=1⟩"),
         sun,
         option("sun_color", "/sun/irradiance"),

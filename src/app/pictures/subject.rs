@@ -1,6 +1,6 @@
 //! What `cumulo render` renders: the grids of one volume, or a scene file.
 
-use super::scattering::Colors;
+use super::colors::Colors;
 use super::settings::PictureSettings;
 use crate::app::provenance::Provenance;
 use crate::app::volume;

@@ -42,6 +42,13 @@ struct ScatteringArgs {
     /// Scatter like a surface where the density changes much: half of the light at a change of G per world length
     #[arg(long, value_name = "G", value_parser = parse::positive, requires = "albedo")]
     gradient_shading: Option<f64>,
+    /// Share of the light that surfaces of --gradient-shading reflect at normal incidence, 0 to 1: 0.04 as plastic and
+    /// tissue do (default: that of a stage, else 0)
+    #[arg(long, value_name = "R", value_parser = parse::not_negative, requires = "albedo")]
+    specular: Option<f64>,
+    /// Roughness of this reflection, the α of GGX, 0.05 to 1 (default: that of a stage, else 0.3)
+    #[arg(long, value_name = "A", value_parser = parse::positive, requires = "specular")]
+    roughness: Option<f64>,
     /// Factors of the extinction in red, green and blue (default: those of a stage, else 1)
     #[arg(long, value_name = "R,G,B", value_parser = parse::color, requires = "albedo")]
     extinction_color: Option<[f32; 3]>,
@@ -80,6 +87,8 @@ impl From<ScatteringArgs> for ScatteringSettings {
             tf_color: args.tf_color,
             anisotropy: args.anisotropy,
             gradient_shading: args.gradient_shading,
+            specular: args.specular,
+            roughness: args.roughness,
             extinction_color: args.extinction_color,
             sun: args.sun.map(|direction| direction.to_array()),
             sun_color: args.sun_color,

@@ -21,7 +21,7 @@ use crate::math::Affine;
 use crate::scene::albedo::TransferColor;
 use crate::scene::emission::Emission;
 use crate::scene::light::Light;
-use crate::scene::medium::Scattering;
+use crate::scene::medium::{Scattering, Specular};
 use crate::scene::phase::Phase;
 use glam::{DMat4, DVec3, Vec3};
 use schemars::JsonSchema;
@@ -120,6 +120,10 @@ pub struct MediumEntry {
     pub anisotropy: f64,
     /// Gradient shading: change of the density per world length at which half of the scattering is that of a surface.
     pub gradient_shading: Option<f64>,
+    /// Share of the light that these surfaces reflect at normal incidence, 0 to 1; 0 unless stated.
+    pub specular: Option<f64>,
+    /// Roughness of this reflection, the α of GGX, 0.05 to 1; 0.3 unless stated.
+    pub roughness: Option<f64>,
     /// Factors of the extinction in red, green and blue; 1 unless stated.
     #[serde(default = "white")]
     pub extinction_color: [f32; 3],
@@ -176,6 +180,8 @@ impl Default for MediumEntry {
             albedo: [0.0; 3],
             anisotropy: 0.0,
             gradient_shading: None,
+            specular: None,
+            roughness: None,
             extinction_color: white(),
             emission: None,
             transfer: None,
@@ -189,8 +195,9 @@ impl Default for MediumEntry {
 impl MediumEntry {
     /// Returns how the medium scatters.
     fn scattering(&self) -> Scattering {
-        let Self { albedo, anisotropy, gradient_shading, .. } = *self;
-        Scattering { gradient_shading, ..Scattering::new(albedo, Phase::of_anisotropy(anisotropy)) }
+        let Self { albedo, anisotropy, gradient_shading, specular, roughness, .. } = *self;
+        let specular = Specular::of(specular.unwrap_or_default(), roughness);
+        Scattering { gradient_shading, specular, ..Scattering::new(albedo, Phase::of_anisotropy(anisotropy)) }
     }
 
     /// Returns the names of the grids that emit, and how.

@@ -51,6 +51,10 @@ pub struct ScatteringOverride {
     pub anisotropy: Option<f64>,
     /// Change of the density per length at which half of the scattering is that of a surface.
     pub gradient_shading: Option<f64>,
+    /// Share of the light that surfaces reflect at normal incidence.
+    pub specular: Option<f64>,
+    /// Roughness of this reflection.
+    pub roughness: Option<f64>,
     /// Factors of the extinction.
     pub extinction_color: Option<[f32; 3]>,
 }
@@ -65,13 +69,21 @@ impl Overrides {
     fn apply(&self, medium: &mut StatedMedium) {
         let entry = &mut medium.entry;
         entry.density_scale = self.density_scale.unwrap_or(entry.density_scale);
-        if let Some(ScatteringOverride { albedo, tf_color, anisotropy, gradient_shading, extinction_color }) =
-            self.scattering
+        if let Some(ScatteringOverride {
+            albedo,
+            tf_color,
+            anisotropy,
+            gradient_shading,
+            specular,
+            roughness,
+            extinction_color,
+        }) = self.scattering
         {
             entry.albedo = albedo;
             entry.tf_color = tf_color.filter(|_| medium.transfer.is_some()).or(entry.tf_color);
             entry.anisotropy = anisotropy.unwrap_or(entry.anisotropy);
             entry.gradient_shading = gradient_shading.or(entry.gradient_shading);
+            (entry.specular, entry.roughness) = (specular.or(entry.specular), roughness.or(entry.roughness));
             entry.extinction_color = extinction_color.unwrap_or(entry.extinction_color);
         }
         if self.emission.is_some() {
@@ -142,6 +154,7 @@ fn own(volume: &Prim, time: f64) -> Result<StatedMedium> {
     entry.anisotropy = number("anisotropy")?.unwrap_or(entry.anisotropy);
     entry.extinction_color = color("extinctionColor")?.unwrap_or(entry.extinction_color);
     entry.gradient_shading = number("gradientShading")?;
+    (entry.specular, entry.roughness) = (number("specular")?, number("roughness")?);
     entry.emission = color("emission")?;
     entry.emission_grid =
         color("emissionRadiance")?.map(|radiance| EmissionGridEntry { grid: String::new(), radiance });
@@ -163,6 +176,8 @@ fn own(volume: &Prim, time: f64) -> Result<StatedMedium> {
         "anisotropy",
         "extinctionColor",
         "gradientShading",
+        "specular",
+        "roughness",
         "emission",
         "transfer",
         "transferColor",

@@ -6,7 +6,7 @@
 //! of the channels then keep their sum (Kutz et al. 2017).
 
 use super::optics::DensityMedium;
-use super::phase::{Mixed, Shaded};
+use super::phase::Phases;
 use super::tracking::{Collision, EXACT_DEPTH, LEAST_TRANSMITTANCE, Media, One, Visible, joined};
 use super::{Primary, Scratch};
 use crate::error::Result;
@@ -17,22 +17,22 @@ use crate::scene::medium::Medium;
 use glam::{DVec3, Vec3};
 
 /// Volumes of which at least one is chromatic; their extinctions add.
-pub(super) struct Chromatic<'a, O>(Vec<Colored<'a, O>>);
+pub(super) struct Chromatic<'a, O, P>(Vec<Colored<'a, O, P>>);
 
 /// A volume with its extinction by channel, as a share of the largest.
-struct Colored<'a, O> {
-    volume: One<'a, O, Shaded>,
+struct Colored<'a, O, P> {
+    volume: One<'a, O, P>,
     color: DVec3,
 }
 
-impl<'a, O: DensityMedium> Chromatic<'a, O> {
+impl<'a, O: DensityMedium, P: Phases> Chromatic<'a, O, P> {
     /// Creates the kernel of these volumes, each as `prepared`.
     ///
     /// # Errors
     /// If a medium cannot be used.
     pub(crate) fn new(
         volumes: &[(&'a Bricks<f32>, &Medium)],
-        prepared: impl Fn(&'a Bricks<f32>, &Medium) -> Result<One<'a, O, Shaded>>,
+        prepared: impl Fn(&'a Bricks<f32>, &Medium) -> Result<One<'a, O, P>>,
     ) -> Result<Self> {
         let colored = |(field, medium): &(&'a Bricks<f32>, &Medium)| {
             let color = Vec3::from_array(medium.color).as_dvec3();
@@ -46,7 +46,7 @@ impl<'a, O: DensityMedium> Chromatic<'a, O> {
 
     /// Returns the optical depth of the first `length` of a ray by channel.
     fn depths(&self, ray: &Ray, length: f64, scratch: &mut Scratch) -> DVec3 {
-        let depth = |one: &Colored<'_, O>| {
+        let depth = |one: &Colored<'_, O, P>| {
             one.color * one.volume.dvr.optical_depth_within(ray, length, f64::INFINITY, &mut scratch.tape)
         };
         self.0.iter().map(depth).sum()
@@ -80,8 +80,8 @@ fn draw_weight(factor: DVec3, depths: DVec3, shares: DVec3) -> Vec3 {
     if mean > 0.0 { (values / mean).as_vec3() } else { Vec3::ZERO }
 }
 
-impl<O: DensityMedium> Media for Chromatic<'_, O> {
-    type Phase = Mixed;
+impl<O: DensityMedium, P: Phases> Media for Chromatic<'_, O, P> {
+    type Phase = P::At;
     const EMITS: bool = true;
 
     fn collide(
@@ -194,7 +194,7 @@ impl<O: DensityMedium> Media for Chromatic<'_, O> {
         self.0[collision.volume].volume.source(collision)
     }
 
-    fn phase(&self, collision: &Collision, at: DVec3) -> Mixed {
+    fn phase(&self, collision: &Collision, at: DVec3) -> P::At {
         self.0[collision.volume].volume.phase(collision, at)
     }
 

@@ -6,7 +6,7 @@ use super::emissive::{Emissive, Integrated};
 use super::flames::Flames;
 use super::optics::{Any, ByDensity, DensityMedium};
 use super::phase::{HenyeyGreenstein, Isotropic, Shaded};
-use super::tracking::{Media, One, any, any_by_density};
+use super::tracking::{Media, One, any, any_by_density, any_glossy};
 use crate::error::{Error, Result};
 use crate::scene::bricks::Bricks;
 use crate::scene::medium::Medium;
@@ -27,9 +27,14 @@ pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> 
     });
     let densities = densities.collect::<Result<Vec<_>>>()?;
     match &densities[..] {
-        several if several.iter().any(|(_, medium)| medium.is_chromatic()) => match by_density(scene) {
-            true => with_flames(Chromatic::new(several, any_by_density)?, scene),
-            false => with_flames(Chromatic::new(several, any)?, scene),
+        several if several.iter().any(|(_, medium)| medium.is_chromatic()) => match Generality::of(scene) {
+            Generality::Glossy => with_flames(Chromatic::new(several, any_glossy)?, scene),
+            Generality::ByDensity => with_flames(Chromatic::new(several, any_by_density)?, scene),
+            Generality::Plain => with_flames(Chromatic::new(several, any)?, scene),
+        },
+        [(field, medium)] if is_glossy(medium) => match scene.volumes.iter().find_map(Volume::emission) {
+            Some(_) => generic(scene),
+            None => Ok(Box::new(any_glossy(field, medium)?)),
         },
         [(field, medium)] if medium.albedo_function.is_some() => single_by_density(scene, field, medium),
         [(field, medium)] => single(scene, field, medium),
@@ -43,16 +48,45 @@ pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> 
 /// If a medium cannot be used.
 pub(super) fn generic<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
     let densities = scene.volumes.iter().filter_map(Volume::density);
-    if by_density(scene) {
-        let volumes = densities.map(|(field, medium)| any_by_density(field, medium));
-        return with_flames(volumes.collect::<Result<Vec<_>>>()?, scene);
+    match Generality::of(scene) {
+        Generality::Glossy => {
+            let volumes = densities.map(|(field, medium)| any_glossy(field, medium));
+            with_flames(volumes.collect::<Result<Vec<_>>>()?, scene)
+        }
+        Generality::ByDensity => {
+            let volumes = densities.map(|(field, medium)| any_by_density(field, medium));
+            with_flames(volumes.collect::<Result<Vec<_>>>()?, scene)
+        }
+        Generality::Plain => {
+            let volumes = densities.map(|(field, medium)| any(field, medium));
+            with_flames(volumes.collect::<Result<Vec<_>>>()?, scene)
+        }
     }
-    with_flames(densities.map(|(field, medium)| any(field, medium)).collect::<Result<Vec<_>>>()?, scene)
 }
 
-/// True if the albedo of a medium depends on the density.
-fn by_density(scene: &Scene) -> bool {
-    scene.volumes.iter().filter_map(Volume::density).any(|(_, medium)| medium.albedo_function.is_some())
+/// What kernels of several volumes must serve.
+enum Generality {
+    /// Media of one albedo each.
+    Plain,
+    /// Albedos by density.
+    ByDensity,
+    /// Surfaces that reflect as well.
+    Glossy,
+}
+
+impl Generality {
+    fn of(scene: &Scene) -> Self {
+        let mut media = scene.volumes.iter().filter_map(Volume::density).map(|(_, medium)| medium);
+        if media.clone().any(is_glossy) {
+            return Self::Glossy;
+        }
+        if media.any(|medium| medium.albedo_function.is_some()) { Self::ByDensity } else { Self::Plain }
+    }
+}
+
+/// True if a medium has surfaces that reflect.
+fn is_glossy(medium: &Medium) -> bool {
+    medium.scattering.is_some_and(|scattering| scattering.specular.is_some())
 }
 
 /// Returns the only volume of a scene, whose albedo depends on the density, as a kernel that is compiled for it: with a

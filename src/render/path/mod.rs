@@ -21,6 +21,7 @@ mod near;
 mod near_lights;
 mod optics;
 mod phase;
+mod specular;
 mod tracking;
 
 use crate::arch::Arch;
@@ -39,6 +40,7 @@ use glam::{DVec3, Vec3};
 use near::End;
 use near_lights::NearLights;
 use phase::PhaseFunction;
+pub(crate) use specular::peak as specular_peak;
 use tracking::{Collision, Media, Visible};
 
 /// Scratch memory of a task, reused from path to path.
@@ -286,11 +288,14 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
         loop {
             scratch.counts.collisions += 1;
             let albedo = media.albedo(&collision);
+            let at = ray.at(collision.distance);
+            let colored = M::Phase::COLORED;
+            let known = colored.then(|| media.phase(&collision, at));
+            let total = known.map_or(albedo, |phase| phase.total(albedo, ray.direction));
             if M::EMITS && !dark {
-                let emitted = weight * (Vec3::ONE - albedo) * media.source(&collision);
+                let emitted = weight * (Vec3::ONE - total) * media.source(&collision);
                 *if bounces == 0 { &mut out.unscattered } else { &mut out.indirect } += emitted;
             }
-            let at = ray.at(collision.distance);
             if bounces == 0 {
                 let Collision { distance, volume, .. } = collision;
                 let share = mean(weight);
@@ -301,12 +306,12 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
                 }
                 weight /= chance as f32;
             }
-            weight *= albedo;
+            weight *= total;
             if bounces == limits.max_bounces || !survives(&mut weight, bounces, sampler) {
                 break;
             }
             bounces += 1;
-            let phase = media.phase(&collision, at);
+            let phase = known.unwrap_or_else(|| media.phase(&collision, at));
             let [u, v, of_lights, of_light] = sampler.stratified();
             let end = End { media, lighting, ray, distance: collision.distance, drawn };
             let arriving = lighting.sample(at, [of_lights, of_light]).and_then(|(light, arrival)| {
@@ -320,13 +325,18 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
                 let transmittance = media.transmittance(&toward, arrival.distance, sampler, scratch);
                 let seen = weight * lighting.weighted(&arrival, scattered) * transmittance;
                 let seen = if NEAR { seen * counts } else { seen };
+                let tint = |to| phase.tint(albedo, ray.direction, to);
+                let seen = if colored { seen * tint(arrival.direction) } else { seen };
                 *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += seen;
             }
             if NEAR && bounces < limits.max_bounces {
-                out.indirect += weight * lighting.around(media, (at, ray.direction, phase), sampler, scratch);
+                out.indirect += weight * lighting.around(media, (at, ray.direction, phase, albedo), sampler, scratch);
             }
             let (direction, density) = phase.sample(ray.direction, [u, v]);
             scratch.counts.impossible += u64::from(density.is_nan() || density <= 0.0);
+            if colored {
+                weight *= phase.tint(albedo, ray.direction, direction);
+            }
             (ray, drawn) = (Ray { origin: at, direction }, Some(density));
             if M::GLOWS && !dark {
                 out.indirect += weight * media.emitted(&ray, None, sampler, scratch);

@@ -5,16 +5,33 @@ use crate::scene::bricks::Bricks;
 use crate::scene::light::around;
 use crate::scene::medium::Scattering;
 use crate::scene::phase::Phase;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 use std::f64::consts::FRAC_1_PI;
 
 /// A phase function at one place.
 pub(super) trait PhaseFunction: Copy {
+    /// True if channels are scattered to other directions than [`PhaseFunction::value`] tells, or more than the albedo.
+    const COLORED: bool = false;
     /// Returns the density per steradian with which light is drawn from direction `to` for a path that arrives in
     /// direction `from`; both point along the path.
     fn value(self, from: DVec3, to: DVec3) -> f64;
     /// Draws a direction by two numbers in [0, 1), and returns its density with it.
     fn sample(self, from: DVec3, numbers: [f64; 2]) -> (DVec3, f64);
+    /// Returns the share of the extinction that is scattered in all directions, in a medium of this albedo.
+    #[inline(always)]
+    fn total(self, albedo: Vec3, _: DVec3) -> Vec3 {
+        albedo
+    }
+    /// Returns the share of the extinction that is scattered per steradian from `to`, in a medium of this albedo.
+    #[inline(always)]
+    fn color(self, albedo: Vec3, from: DVec3, to: DVec3) -> Vec3 {
+        albedo * self.value(from, to) as f32
+    }
+    /// Returns [`PhaseFunction::color`] over [`PhaseFunction::total`] and [`PhaseFunction::value`].
+    #[inline(always)]
+    fn tint(self, _: Vec3, _: DVec3, _: DVec3) -> Vec3 {
+        Vec3::ONE
+    }
 }
 
 /// Phase functions of a medium by place.
@@ -135,9 +152,27 @@ pub(super) struct Mixed {
 }
 
 impl Mixed {
+    /// Creates the function of a share of a surface of this unit normal.
+    #[cfg(test)]
+    pub(super) fn new(phase: Phase, normal: DVec3, share: f64) -> Self {
+        Self { phase, normal, share }
+    }
+
+    /// Returns the phase function beside the surface.
+    #[inline(always)]
+    pub(super) fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Returns the share of the surface.
+    #[inline(always)]
+    pub(super) fn share(&self) -> f64 {
+        self.share
+    }
+
     /// Returns the normal towards the side that the path comes from.
     #[inline(always)]
-    fn facing(&self, from: DVec3) -> DVec3 {
+    pub(super) fn facing(&self, from: DVec3) -> DVec3 {
         if self.normal.dot(from) > 0.0 { -self.normal } else { self.normal }
     }
 }

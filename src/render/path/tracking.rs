@@ -5,7 +5,8 @@
 //! nothing absorbs are skipped.
 
 use super::optics::{Any, ByDensity, DensityMedium};
-use super::phase::{Mixed, PhaseFunction, Phases, Shaded, gradient};
+use super::phase::{PhaseFunction, Phases, Shaded, gradient};
+use super::specular::Glossy;
 use super::{Primary, Scratch};
 use crate::error::{Error, Result};
 use crate::math::Ray;
@@ -163,6 +164,12 @@ pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a,
 /// Returns the volume for kernels that serve any medium whose albedo depends on the density.
 pub(super) fn any_by_density<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a, ByDensity<Any>, Shaded>> {
     Ok(any(field, medium)?.with(|optics| ByDensity::new(optics, medium)))
+}
+
+/// Returns the volume for kernels that serve any medium at all, with surfaces that reflect.
+pub(super) fn any_glossy<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a, ByDensity<Any>, Glossy>> {
+    let One { dvr, optics, albedo, phases, shadows } = any_by_density(field, medium)?;
+    Ok(One { dvr, optics, albedo, phases: Glossy::new(phases, medium.scattering), shadows })
 }
 
 impl<'a, O, P> One<'a, O, P> {
@@ -377,8 +384,12 @@ impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
     #[inline(always)]
     fn scattered(&self, at: DVec3, from: DVec3, to: DVec3) -> Vec3 {
         let Some((density, extinction)) = self.extinction_at(at) else { return Vec3::ZERO };
-        let value = self.phases.at(self.dvr.field(), at).value(from, to);
-        self.optics.albedo(density, self.albedo) * extinction * value as f32
+        let phase = self.phases.at(self.dvr.field(), at);
+        let albedo = self.optics.albedo(density, self.albedo);
+        if P::At::COLORED {
+            return phase.color(albedo, from, to) * extinction;
+        }
+        albedo * extinction * phase.value(from, to) as f32
     }
 
     #[inline(always)]
@@ -408,8 +419,8 @@ pub(super) fn joined(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
 }
 
 /// Several volumes, which may overlap: their extinctions add.
-impl<O: DensityMedium> Media for Vec<One<'_, O, Shaded>> {
-    type Phase = Mixed;
+impl<O: DensityMedium, P: Phases> Media for Vec<One<'_, O, P>> {
+    type Phase = P::At;
     const EMITS: bool = true;
 
     /// Collisions with each volume are independent, and the nearest of them is the first.
@@ -478,7 +489,7 @@ impl<O: DensityMedium> Media for Vec<One<'_, O, Shaded>> {
     }
 
     #[inline(always)]
-    fn phase(&self, collision: &Collision, at: DVec3) -> Mixed {
+    fn phase(&self, collision: &Collision, at: DVec3) -> P::At {
         self[collision.volume].phase(collision, at)
     }
 

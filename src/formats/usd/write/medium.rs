@@ -32,6 +32,8 @@ pub(crate) fn attributes(medium: &MediumEntry, transfer: Option<String>) -> Vec<
         albedo,
         anisotropy,
         gradient_shading,
+        specular,
+        roughness,
         extinction_color,
         emission,
         transfer: _,
@@ -49,6 +51,8 @@ pub(crate) fn attributes(medium: &MediumEntry, transfer: Option<String>) -> Vec<
         color("cumulo:extinctionColor", *extinction_color),
     ];
     all.extend(gradient_shading.map(|half| number("cumulo:gradientShading", half)));
+    all.extend(specular.map(|reflectance| number("cumulo:specular", reflectance)));
+    all.extend(roughness.map(|roughness| number("cumulo:roughness", roughness)));
     // The names of grids are those of the fields that play the part.
     if let Some(EmissionGridEntry { grid: _, radiance }) = emission_grid {
         all.push(color("cumulo:emissionRadiance", *radiance));

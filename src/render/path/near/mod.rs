@@ -117,7 +117,7 @@ impl Lighting {
     pub(crate) fn around<M: Media>(
         &self,
         media: &M,
-        (at, from, phase): (DVec3, DVec3, M::Phase),
+        (at, from, phase, albedo): (DVec3, DVec3, M::Phase, Vec3),
         sampler: &mut Sampler,
         scratch: &mut Scratch,
     ) -> Vec3 {
@@ -131,13 +131,15 @@ impl Lighting {
         let Some((place, within)) = anchor(light, of_light) else { return Vec3::ZERO };
         let Some(directions) = Directions::new(at, place, within + near.reach) else { return Vec3::ZERO };
         let direction = directions.draw(direction);
+        let tint = if M::Phase::COLORED { phase.tint(albedo, from, direction) } else { Vec3::ONE };
         let phase = phase.value(from, direction);
         if phase <= 0.0 {
             return Vec3::ZERO;
         }
         let turned = directions.density(direction);
         let draw = Draw { ray: Ray { origin: at, direction }, primary: None, number, of_light, u, turned, phase };
-        self.drawn(media, &draw, sampler, scratch).unwrap_or(Vec3::ZERO)
+        let found = self.drawn(media, &draw, sampler, scratch).unwrap_or(Vec3::ZERO);
+        if M::Phase::COLORED { found * tint } else { found }
     }
 
     #[inline(always)]
