@@ -17,7 +17,7 @@ use std::f64::consts::{FRAC_1_PI, PI, TAU};
 /// Pieces of the table of directional albedos, which is linear in the root of the cosine.
 const PIECES: usize = 64;
 /// Directions along each edge by which an entry is integrated.
-const DIRECTIONS: u32 = 32;
+const DIRECTIONS: u32 = 64;
 /// Least share of a surface's directions that are drawn from the specular lobe: it may be brighter than a dark diffuse one.
 const LEAST: f64 = 0.25;
 
