@@ -285,6 +285,7 @@ fn every_key_of_a_scene_file_is_authored() {
             {"file": "fire.vdb", "grid": "mass",
                 "transform": [[0.4, -0.1, 0.0, 0.7], [0.2, 0.5, 0.1, 0.3], [0.0, 0.0, 0.3, 0.2], [0, 0, 0, 1]],
                 "medium": {"density_scale": 9, "albedo": [0.7, 0.6, 0.5], "anisotropy": 0.4, "gradient_shading": 7,
+                    "specular": 0.1, "roughness": 0.4,
                     "extinction_color": [1, 0.8, 0.6], "emission_grid": {"grid": "heat", "radiance": [2, 1, 0.5]},
                     "blackbody": {"grid": "kelvin", "kelvin": 1500, "intensity": 2, "tint": [1, 0.5, 0.75]}},
                 "velocity": {"grid": "wind", "fps": 30}},
