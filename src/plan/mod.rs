@@ -182,8 +182,8 @@ impl Plan {
     }
 }
 
-/// True if a medium emits a share of its source's radiance that depends on the density, which no source of the same kind
-/// tells without its albedo.
+/// True if a medium emits a share of its source's radiance that depends on the density, which no source of the same
+/// kind tells without its albedo.
 fn emits_by_density(medium: &Medium) -> bool {
     let [least, most] = medium.albedo_bounds();
     let bright = |color: &[f32; 3]| *color != [0.0; 3];

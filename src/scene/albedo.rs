@@ -9,7 +9,7 @@ use std::sync::Arc;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum TransferColor {
-    /// Radiance of the source, of which the share that is not scattered is emitted; the albedo is one for all densities.
+    /// Radiance of the source, of which the share that is not scattered is emitted; all densities have one albedo.
     Emission,
     /// Albedo, times that of the medium; nothing is emitted.
     Albedo,

@@ -39,7 +39,8 @@ pub struct Scattering {
     pub specular: Option<Specular>,
 }
 
-/// Specular reflection of a rough surface: microfacets of the GGX distribution, whose light is white whatever the albedo.
+/// Specular reflection of a rough surface: microfacets of the GGX distribution, whose light is white whatever the
+/// albedo.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Specular {
     /// Reflectance at normal incidence, above 0 and at most 1.

@@ -212,7 +212,8 @@ fn scene_files_and_stages_state_the_meaning() {
     work.refused("render none.json --views 1 -o no", Code::Invalid, &["volume 0", "tf_color", "transfer"]);
 }
 
-/// Surfaces that reflect are brighter where they face between camera and light, by options, scene files and stages alike.
+/// Surfaces that reflect are brighter where they face between camera and light, by options, scene files and stages
+/// alike.
 #[test]
 fn surfaces_reflect_light() {
     let work = Work::new();

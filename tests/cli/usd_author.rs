@@ -285,12 +285,14 @@ fn every_key_of_a_scene_file_is_authored() {
             {"file": "fire.vdb", "grid": "mass",
                 "transform": [[0.4, -0.1, 0.0, 0.7], [0.2, 0.5, 0.1, 0.3], [0.0, 0.0, 0.3, 0.2], [0, 0, 0, 1]],
                 "medium": {"density_scale": 9, "albedo": [0.7, 0.6, 0.5], "anisotropy": 0.4, "gradient_shading": 7,
+                    "specular": 0.1, "roughness": 0.4,
                     "extinction_color": [1, 0.8, 0.6], "emission_grid": {"grid": "heat", "radiance": [2, 1, 0.5]},
                     "blackbody": {"grid": "kelvin", "kelvin": 1500, "intensity": 2, "tint": [1, 0.5, 0.75]}},
                 "velocity": {"grid": "wind", "fps": 30}},
             {"file": "plume.vdb", "transform": [[1, 0, 0, 0.5], [0, 1, 0, -0.3], [0, 0, 1, 0.4], [0, 0, 0, 1]],
                 "medium": {"density_scale": 0.5, "albedo": [0.2, 0.4, 0.3], "emission": [0.5, 0.25, 1]}},
-            {"file": "cube.vdb", "medium": {"density_scale": 0.25, "transfer": "inferno.tf.json"}}
+            {"file": "cube.vdb", "medium": {"density_scale": 0.25, "transfer": "inferno.tf.json",
+                "tf_color": "both"}}
         ],
         "lights": [
             {"type": "DistantLight", "direction": [1, 0.5, 0.7], "irradiance": [3, 2, 1], "angle": 2},

@@ -1,4 +1,5 @@
-//! Albedos by density: against volumes of one albedo, closed forms, and a tracker of its own that is as simple as can be.
+//! Albedos by density: against volumes of one albedo, closed forms, and a tracker of its own that is as simple as can
+//! be.
 
 use crate::common::fields::{field, lumps, noise, unit};
 use crate::common::scenes::Draw;

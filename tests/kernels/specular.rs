@@ -24,8 +24,8 @@ fn shiny(extinction: f64, albedo: [f32; 3], half: f64, specular: Specular) -> Me
     Medium { scattering: Some(scattering), ..Medium::absorbing(extinction) }
 }
 
-/// With albedo 1 all light is scattered, whatever surfaces reflect: in a sky that is the same from all around nothing is
-/// seen, alone, beside another volume and with extinctions of several colors.
+/// With albedo 1 all light is scattered, whatever surfaces reflect: in a sky that is the same from all around nothing
+/// is seen, alone, beside another volume and with extinctions of several colors.
 #[test]
 fn white_surfaces_vanish_in_a_white_sky() {
     let (field, sky) = (lumpy(unit()), [0.7, 1.0, 2.0]);
@@ -56,8 +56,8 @@ fn surfaces_in_equilibrium_are_as_bright_as_their_source() {
 }
 
 /// A half space of surfaces, seen along its normal and lit from there: light of irradiance E is scattered once as the
-/// radiance `f E / 2` (the light passes the densities twice), where f at normal incidence is `R / (4 π α²)` of the specular
-/// lobe alone.
+/// radiance `f E / 2` (the light passes the densities twice), where f at normal incidence is `R / (4 π α²)` of the
+/// specular lobe alone.
 #[test]
 fn a_black_wall_has_the_closed_form_of_its_reflection() {
     let field = field::<f32>(33, unit(), |p| p.z);

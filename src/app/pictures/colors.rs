@@ -34,7 +34,7 @@ impl Colors {
         }
         let taken = match (self.color, &self.own) {
             (TransferColor::Albedo, _) => {
-                "the colors of the transfer function are its albedo, since all lie within 0 to 1, and nothing is emitted"
+                "the colors of the transfer function are its albedo, as all lie within 0 to 1, and nothing is emitted"
             }
             (TransferColor::Emission, _) => {
                 "the colors of the transfer function are emission, since some lie above 1, and the albedo is the same \

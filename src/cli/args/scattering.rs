@@ -32,8 +32,8 @@ struct ScatteringArgs {
         conflicts_with_all = ["model", "quadrature", "early_stop", "supersample"],
     )]
     albedo: Option<[f32; 3]>,
-    /// Whether the colors of a transfer function are the radiance that the medium emits, its albedo (times --albedo), or
-    /// both (default: albedo if all of them lie within 0 to 1, else emission; both if the function states an albedo)
+    /// Whether the colors of a transfer function are the radiance that the medium emits, its albedo (times --albedo),
+    /// or both (default: albedo if all of them lie within 0 to 1, else emission; both if the function states an albedo)
     #[arg(long, value_name = "MEANING", value_parser = choice::<TransferColor>(), requires = "albedo")]
     tf_color: Option<TransferColor>,
     /// Mean cosine of the scattering angle (Henyey-Greenstein), -0.999 to 0.999 (default: that of a stage, else 0)

@@ -1,9 +1,9 @@
 //! Media of volumes: Cumulo's own attributes, or shaders that are understood.
 //!
 //! Attributes in the namespace `cumulo` of a volume's prim state its medium: `densityScale`, `albedo`, `anisotropy`,
-//! `extinctionColor`, `emission`, `transfer` and `transferColor` are those of scene files. `emissionRadiance` makes the flame field
-//! emit, `blackbodyKelvin`, `blackbodyIntensity` and `blackbodyTint` the temperature field. Lengths are in units of the
-//! stage.
+//! `extinctionColor`, `emission` and `transfer` are those of scene files, and `transferColor` is their `tf_color`.
+//! `emissionRadiance` makes the flame field emit, `blackbodyKelvin`, `blackbodyIntensity` and `blackbodyTint` the
+//! temperature field. Lengths are in units of the stage.
 
 use super::prim::Prim;
 use super::stage::Stage;

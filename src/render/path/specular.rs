@@ -2,10 +2,10 @@
 //!
 //! The specular lobe is `F D G / (4 µ µ')` times µ' (Cook & Torrance 1982), with the GGX distribution D of microfacets
 //! (Walter et al. 2007), the height-correlated masking and shadowing G of Smith (Heitz 2014), and the reflectance F of
-//! Schlick (1994). What it does not reflect, `1 - E(µ)` by its directional albedo E, is left to the diffuse lobe, which is
-//! `(1 - E(µ)) (1 - E(µ')) / (π (1 - Ē))` with the mean Ē of E by cosine (Kelemen & Szirmay-Kalos 2001): it is reciprocal,
-//! and both together reflect all light where the albedo is 1. Directions are drawn by the visible normals (Heitz 2018, as
-//! Dupuy & Benyoub 2023 draw them).
+//! Schlick (1994). What it does not reflect, `1 - E(µ)` by its directional albedo E, is left to the diffuse lobe, which
+//! is `(1 - E(µ)) (1 - E(µ')) / (π (1 - Ē))` with the mean Ē of E by cosine (Kelemen & Szirmay-Kalos 2001): it is
+//! reciprocal, and both together reflect all light where the albedo is 1. Directions are drawn by the visible normals
+//! (Heitz 2018, as Dupuy & Benyoub 2023 draw them).
 
 use super::phase::{Mixed, PhaseFunction, Phases, Shaded};
 use crate::scene::bricks::Bricks;
@@ -17,8 +17,9 @@ use std::f64::consts::{FRAC_1_PI, PI, TAU};
 /// Pieces of the table of directional albedos, which is linear in the root of the cosine.
 const PIECES: usize = 64;
 /// Directions along each edge by which an entry is integrated.
-const DIRECTIONS: u32 = 32;
-/// Least share of a surface's directions that are drawn from the specular lobe: it may be brighter than a dark diffuse one.
+const DIRECTIONS: u32 = 64;
+/// Least share of a surface's directions that are drawn from the specular lobe: it may be brighter than a dark diffuse
+/// one.
 const LEAST: f64 = 0.25;
 
 /// A specular lobe.
@@ -111,8 +112,8 @@ impl Lobe {
         self.distribution(normal) / (2.0 * (cosine + self.spread(cosine)))
     }
 
-    /// Returns the lobe times the cosine of reflection, by the cosines of incidence and reflection, of the normal, and of
-    /// the incidence on it.
+    /// Returns the lobe times the cosine of reflection, by the cosines of incidence and reflection, of the normal, and
+    /// of the incidence on it.
     #[inline(always)]
     fn value(&self, [incident, reflected]: [f64; 2], normal: f64, on_normal: f64) -> f64 {
         let fresnel = self.reflectance + (1.0 - self.reflectance) * (1.0 - on_normal).max(0.0).powi(5);
