@@ -31,6 +31,8 @@ __all__ = [
     "Difference",
     "Effect",
     "Failed",
+    "Figure",
+    "FigurePanel",
     "FileFindings",
     "FileInfo",
     "Files",
@@ -450,6 +452,40 @@ class Denoised(Report):
     seconds_denoising: float | None
     """Seconds of the denoising alone."""
     skipped: int
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FigurePanel(Report):
+    """A panel."""
+
+    camera: dict[str, Any] | None = None
+    """Camera of the picture, if it is known."""
+    label: str | None = None
+    picture: pathlib.Path
+    scale_bar: dict[str, Any] | None = None
+    size: tuple[int, ...]
+    """Width and height of the picture in pixels."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Figure(Report):
+    """Report of a figure."""
+
+    columns: int
+    """Number of panels in a row."""
+    legend: dict[str, Any] | None = None
+    length_unit: str | None = None
+    """Unit of world lengths, if it is stated."""
+    millimetres: tuple[float, ...]
+    """Width and height in millimetres."""
+    output: pathlib.Path
+    panels: list[FigurePanel]
+    """Panels, row by row."""
+    pixels: tuple[int, ...] | None = None
+    """Width and height in pixels, of a PNG."""
+    remarks: list[str] = dataclasses.field(default_factory=list)
+    """Remarks on what is not shown as it is stated."""
+    seconds: float | None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -83,7 +83,7 @@ impl FigureSettings {
             let room = (0.8 * width).clamp(width.min(24.0 * size), width);
             let fill = FILLS[usize::from(dark)];
             legend.draw(&mut drawing, [0.5 * (width - room), y], room, size, [ink, fill]);
-            y += legend.height(size);
+            y += legend.height(size) + 0.3 * size;
         }
         drawing.size[1] = y;
         Ok(drawing)
@@ -106,7 +106,7 @@ impl FigureSettings {
         let size = self.font_size;
         if let Some(label) = self.label.get(number) {
             let style = Style { size: 1.1 * size, bold: true, color: ink };
-            drawing.text(label.as_str(), [at[0], at[1] - 0.45 * size], Anchor::Start, style);
+            drawing.text(label.as_str(), [at[0] + 0.1 * size, at[1] - 0.45 * size], Anchor::Start, style);
         }
         // On a transparent page what lies behind is not known: pages are mostly white.
         let color = |from: [f64; 2], to: [f64; 2]| contrasting(level(&panel.raster, from, to));
@@ -115,7 +115,7 @@ impl FigureSettings {
             bar.draw(drawing, (at, extent), scale, (self.length_unit.as_deref(), size), color);
         }
         if let (Some(orientation), Some(camera)) = (self.orientation, &panel.camera) {
-            let reach = (orientation::REACH + 1.0) * size;
+            let reach = orientation.inset() * size;
             let ink = color([0.0, 1.0 - (2.0 * reach / extent[1]).min(1.0)], [(2.0 * reach / width).min(1.0), 1.0]);
             let middle = [at[0] + reach, at[1] + extent[1] - reach];
             orientation::draw(orientation, drawing, camera, middle, size, ink);

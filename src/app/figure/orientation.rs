@@ -67,7 +67,18 @@ pub(super) fn draw(orientation: Orientation, drawing: &mut Drawing, camera: &Cam
 }
 
 /// Half of the extent of a mark in font sizes.
-pub(super) const REACH: f64 = 2.2;
+const REACH: f64 = 2.2;
+
+impl Orientation {
+    /// Distance in font sizes from a picture's edges to the middle of a mark in its corner.
+    pub(super) fn inset(self) -> f64 {
+        match self {
+            Self::Anatomical => REACH + 0.4,
+            // The letters stand beyond the axes.
+            Self::Axes => REACH + 0.9,
+        }
+    }
+}
 
 fn cube(drawing: &mut Drawing, camera: &Camera, [x, y]: Point, size: f64) {
     // Half an edge, so that the cube's diagonal has room.

@@ -3,6 +3,7 @@
 use super::drawing::{Anchor, Color, Drawing, Point, Raster, Shape, Style};
 use super::font::{BYTES, Font};
 use super::raster::{BOLD, share};
+use crate::app::provenance::SETTINGS;
 use crate::error::{Error, Result};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
@@ -80,7 +81,12 @@ pub(super) fn write(drawing: &Drawing, font: &Font, title: &str, metadata: &[Str
     let mut info = pdf.document_info(numbers.info);
     info.title(TextStr(title));
     info.creator(TextStr(concat!("cumulo ", env!("CARGO_PKG_VERSION"))));
-    info.keywords(TextStr(&metadata.join("\n")));
+    // Texts of printable ASCII alone stand in the file as they are, where an earlier figure's settings are looked for.
+    let (settings, others): (Vec<&String>, Vec<&String>) = metadata.iter().partition(|line| line.starts_with(SETTINGS));
+    for line in settings {
+        info.keywords(TextStr(line));
+    }
+    info.subject(TextStr(&others.into_iter().map(String::as_str).collect::<Vec<_>>().join("; ")));
     info.finish();
     Ok(pdf.finish())
 }

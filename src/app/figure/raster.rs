@@ -64,7 +64,7 @@ pub(super) fn size(drawing: &Drawing, per_point: f64) -> [u32; 2] {
 pub(super) fn draw(drawing: &Drawing, font: &Font, per_point: f64, max_memory: u64) -> Result<Raster> {
     let [width, height] = size(drawing, per_point);
     let fits = 8 * u64::from(width) * u64::from(height) <= max_memory && width.max(height) <= 65_536;
-    let Some(mut pixmap) = Pixmap::new(width, height).filter(|_| fits) else {
+    let Some(mut pixmap) = fits.then(|| Pixmap::new(width, height)).flatten() else {
         return Err(Error::unsupported(format!("a figure of {width}x{height} pixels"))
             .coded(Code::MemoryLimit)
             .hint("give a smaller ⟨width⟩, or raise ⟨max_memory⟩"));
