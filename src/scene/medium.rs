@@ -35,6 +35,8 @@ pub struct Scattering {
     /// Lambertian surface across the gradient. Of a gradient of `r` times that much, the share is `r² / (1 + r²)`.
     /// `None` for scattering by the phase function alone.
     pub gradient_shading: Option<f64>,
+    /// Standard deviation in voxels, 0 or more, of the filter that the gradients of gradient shading are taken through.
+    pub gradient_scale: f64,
     /// Specular reflection of the surfaces of gradient shading; `None` for surfaces that are matt.
     pub specular: Option<Specular>,
 }
@@ -80,7 +82,7 @@ impl Specular {
 impl Scattering {
     /// Creates scattering by a phase function.
     pub const fn new(albedo: [f32; 3], phase: Phase) -> Self {
-        Self { albedo, phase, gradient_shading: None, specular: None }
+        Self { albedo, phase, gradient_shading: None, gradient_scale: 0.0, specular: None }
     }
 }
 
@@ -182,7 +184,11 @@ impl Medium {
             return Err(Error::invalid(format!("source radiance {c:?} must be finite and not negative"))
                 .hint("correct ⟨emission⟩, or the capture's emission"));
         }
-        if let Some(Scattering { albedo, phase, gradient_shading, specular }) = self.scattering {
+        if let Some(Scattering { albedo, phase, gradient_shading, gradient_scale, specular }) = self.scattering {
+            if !(gradient_scale >= 0.0 && gradient_scale.is_finite()) {
+                return Err(Error::invalid(format!("gradient scale {gradient_scale} must be finite and not negative"))
+                    .hint("it is the width in voxels of the filter that gradients are taken through"));
+            }
             if albedo.iter().any(|v| !(0.0..=1.0).contains(v)) {
                 return Err(Error::invalid(format!("albedo {albedo:?} must lie between 0 and 1"))
                     .hint("the albedo is the share of the extinction that is scattered; more would make light"));

@@ -98,7 +98,7 @@ impl PictureSettings {
     /// medium that scatters, of which alpha alone tells the densities.
     pub(in crate::app) fn recorded_as(&self, capture: &Capture, extra: &mut Map<String, Value>) -> Capture {
         let Some(shading) = self.shade else { return capture.clone() };
-        extra.insert("shading".into(), json!({"terms": shading, "gradient_scale": self.gradient_scale}));
+        extra.insert("shading".into(), json!({"terms": shading, "gradient_scale": self.scattering.gradient_scale}));
         Capture { model: Model::Scattering, ..capture.clone() }
     }
 

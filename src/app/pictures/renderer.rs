@@ -86,7 +86,7 @@ impl PictureSettings {
                 match self.shade {
                     Some(shading) => {
                         let step = quadrature.step().unwrap_or(SHADED_STEP);
-                        let shaded = Shaded::of_scene(scene, (shading, self.gradient_scale), step)?;
+                        let shaded = Shaded::of_scene(scene, (shading, self.scattering.gradient_scale), step)?;
                         Renderer::Shaded(shaded.with(|shaded| shaded.early_stop(early_stop)))
                     }
                     None => Renderer::Direct(DirectRenderer::new(scene, quadrature)?.early_stop(early_stop)),

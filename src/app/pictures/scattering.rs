@@ -56,6 +56,8 @@ pub struct ScatteringSettings {
     /// Change of density per world length at which half of the light is scattered as by a surface; none for a medium
     /// alone.
     pub gradient_shading: Option<f64>,
+    /// Standard deviation in voxels, from 0 to 16, of the filter that the gradients of surfaces are taken through.
+    pub gradient_scale: f64,
     /// Share of the light that these surfaces reflect at normal incidence, 0 to 1; none for that of a stage, else 0.
     pub specular: Option<f64>,
     /// Roughness of this reflection, the α of GGX, 0.05 to 1; none for that of a stage, else 0.3.
@@ -87,6 +89,7 @@ impl Default for ScatteringSettings {
             tf_color: None,
             anisotropy: None,
             gradient_shading: None,
+            gradient_scale: 0.0,
             specular: None,
             roughness: None,
             extinction_color: None,
@@ -153,9 +156,10 @@ impl ScatteringSettings {
     /// Returns how the medium scatters; `None` without path tracing.
     pub fn scattering(&self) -> Option<Scattering> {
         let phase = Phase::of_anisotropy(self.anisotropy.unwrap_or_default());
-        let gradient_shading = self.gradient_shading;
+        let Self { gradient_shading, gradient_scale, .. } = *self;
         let specular = Specular::of(self.specular.unwrap_or_default(), self.roughness);
-        self.albedo.map(|albedo| Scattering { gradient_shading, specular, ..Scattering::new(albedo, phase) })
+        let new = |albedo| Scattering { gradient_shading, gradient_scale, specular, ..Scattering::new(albedo, phase) };
+        self.albedo.map(new)
     }
 
     /// Puts the environment and the lights of the settings into a scene.
@@ -212,6 +216,8 @@ impl ScatteringSettings {
             ranges::require("anisotropy", g, (-0.999..=0.999).contains(&g), "a number from -0.999 to 0.999")?;
         }
         ranges::positive("gradient_shading", self.gradient_shading)?;
+        let scale = self.gradient_scale;
+        ranges::require("gradient_scale", scale, (0.0..=16.0).contains(&scale), "a number of voxels from 0 to 16")?;
         if let Some(r) = self.specular {
             ranges::require("specular", r, (0.0..=1.0).contains(&r), "a number from 0 to 1")?;
         }
@@ -266,6 +272,7 @@ impl ScatteringSettings {
             "albedo": self.albedo,
             "anisotropy": self.anisotropy.unwrap_or_default(),
             "gradient_shading": self.gradient_shading,
+            "gradient_scale": self.gradient_scale,
             "extinction_color": self.extinction_color(),
             "sky": match &self.sky {
                 Some(Sky::File(path)) => json!(path.to_string_lossy()),
@@ -340,6 +347,7 @@ pub(crate) fn recorded(record: &Value) -> Option<String> {
         option("tf_color", "/tf_color"),
         option("anisotropy", "/anisotropy").filter(|words| words != "⟨anisotropy=0⟩"),
         option("gradient_shading", "/gradient_shading"),
+        option("gradient_scale", "/gradient_scale").filter(|words| words != "⟨gradient_scale=0⟩"),
         option("specular", "/specular"),
         option("roughness", "/roughness"),
         option("extinction_color", "/extinction_color").filter(|words| words != "⟨extinction_color=1⟩"),

@@ -75,8 +75,6 @@ pub struct PictureSettings {
     pub early_stop: f64,
     /// Shading of the surfaces that a transfer function shows, along straight rays; none for none.
     pub shade: Option<Shading>,
-    /// Standard deviation in voxels, from 0 to 16, of the filter that the gradients of surfaces are taken through.
-    pub gradient_scale: f64,
     /// Rays along each edge of a pixel, from 1 to 64; more than one make it the mean over its square.
     pub supersample: u32,
     /// Name of the grid; none for density, else the only scalar one.
@@ -122,7 +120,6 @@ impl Default for PictureSettings {
             quadrature: None,
             early_stop: EARLY_STOP,
             shade: None,
-            gradient_scale: 0.0,
             supersample: 1,
             grid: None,
             scan: ScanSettings::default(),
@@ -165,12 +162,10 @@ impl PictureSettings {
 
     /// Refuses shading that does not go with the other settings.
     fn check_shading(&self) -> Result<()> {
-        let scale = self.gradient_scale;
-        ranges::require("gradient_scale", scale, (0.0..=16.0).contains(&scale), "a number of voxels from 0 to 16")?;
         let Some(shading) = self.shade else {
-            return match scale > 0.0 {
+            return match self.scattering.gradient_scale > 0.0 && self.scattering.gradient_shading.is_none() {
                 true => Err(Error::invalid("⟨gradient_scale⟩: no surface is shaded")
-                    .hint("add ⟨shade⟩, or leave ⟨gradient_scale⟩ out")),
+                    .hint("add ⟨shade⟩ or ⟨gradient_shading⟩, or leave ⟨gradient_scale⟩ out")),
                 false => Ok(()),
             };
         };

@@ -114,10 +114,6 @@ struct PictureArgs {
         conflicts_with = "albedo",
     )]
     shade: Option<Shading>,
-    /// Take the gradients of shaded surfaces through a filter of this standard deviation in voxels, so that the noise
-    /// of a scan does not sparkle: 1 to 2
-    #[arg(long, value_name = "VOXELS", default_value_t = 0.0, value_parser = parse::not_negative)]
-    gradient_scale: f64,
     /// Transmittance at which rays end (0: never); the report says how far that may be off
     #[arg(long, value_name = "T", default_value_t = 1e-6, value_parser = parse::share)]
     early_stop: f64,
@@ -161,7 +157,6 @@ impl From<PictureArgs> for PictureSettings {
             transfer: args.transfer,
             quadrature: args.quadrature,
             shade: args.shade,
-            gradient_scale: args.gradient_scale,
             early_stop: args.early_stop,
             supersample: args.supersample,
             grid: args.grid,

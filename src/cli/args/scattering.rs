@@ -42,6 +42,10 @@ struct ScatteringArgs {
     /// Scatter like a surface where the density changes much: half of the light at a change of G per world length
     #[arg(long, value_name = "G", value_parser = parse::positive, requires = "albedo")]
     gradient_shading: Option<f64>,
+    /// Take the gradients of the surfaces of --gradient-shading or --shade through a filter of this standard deviation
+    /// in voxels, so that the noise of a scan does not sparkle: 1 to 2
+    #[arg(long, value_name = "VOXELS", default_value_t = 0.0, value_parser = parse::not_negative)]
+    gradient_scale: f64,
     /// Share of the light that surfaces of --gradient-shading reflect at normal incidence, 0 to 1: 0.04 as plastic and
     /// tissue do (default: that of a stage, else 0)
     #[arg(long, value_name = "R", value_parser = parse::not_negative, requires = "albedo")]
@@ -87,6 +91,7 @@ impl From<ScatteringArgs> for ScatteringSettings {
             tf_color: args.tf_color,
             anisotropy: args.anisotropy,
             gradient_shading: args.gradient_shading,
+            gradient_scale: args.gradient_scale,
             specular: args.specular,
             roughness: args.roughness,
             extinction_color: args.extinction_color,

@@ -1,11 +1,12 @@
 //! Phase functions at a place, one type for each kind: what a medium does not do costs nothing in the kernels that are
 //! made of them.
 
+use crate::render::gradient::gradient;
 use crate::scene::bricks::Bricks;
 use crate::scene::light::around;
 use crate::scene::medium::Scattering;
 use crate::scene::phase::Phase;
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 use std::f64::consts::FRAC_1_PI;
 
 /// A phase function at one place.
@@ -99,13 +100,16 @@ pub(super) struct Shaded {
     /// Gradient of the density per world length at which half of the scattering is that of a surface; infinite without
     /// gradient shading.
     half: f64,
+    /// Standard deviation in voxels of the filter that gradients are taken through.
+    scale: f64,
 }
 
 impl Shaded {
     /// Returns the phase functions of a medium; isotropic ones of a medium that does not scatter.
     pub(crate) fn new(scattering: Option<Scattering>) -> Self {
         let phase = scattering.map_or(Phase::Isotropic, |scattering| scattering.phase);
-        Self { phase, half: scattering.and_then(|scattering| scattering.gradient_shading).unwrap_or(f64::INFINITY) }
+        let half = scattering.and_then(|scattering| scattering.gradient_shading).unwrap_or(f64::INFINITY);
+        Self { phase, half, scale: scattering.map_or(0.0, |scattering| scattering.gradient_scale) }
     }
 
     /// Returns the phase function if it is the same everywhere.
@@ -122,21 +126,11 @@ impl Phases for Shaded {
         if self.half.is_infinite() {
             return Mixed { phase: self.phase, normal: DVec3::Z, share: 0.0 };
         }
-        let gradient = gradient(field, position);
+        let gradient = gradient(field, field.transform.to_index(position), self.scale);
         // Of the ratio that does not overflow.
         let ratio = self.half / gradient.length();
         Mixed { phase: self.phase, normal: gradient.normalize_or(DVec3::Z), share: 1.0 / (1.0 + ratio * ratio) }
     }
-}
-
-/// Returns the gradient of the density per world length, by central differences over a voxel to each side: the
-/// derivative of the interpolated density jumps between cells, and its shading would show them.
-pub(super) fn gradient(field: &Bricks<f32>, position: DVec3) -> DVec3 {
-    let index = field.transform.to_index(position);
-    let slope = |axis: DVec3| 0.5 * f64::from(field.sample(index + axis) - field.sample(index - axis));
-    // Gradients are covectors: the transpose of the inverse map takes them to world space.
-    let inverse = DMat3::from_mat4(field.transform.inverse_matrix());
-    inverse.transpose() * DVec3::from_array(DVec3::AXES.map(slope))
 }
 
 /// A share of the scattering by a Lambertian surface, the rest by a phase function.

@@ -5,12 +5,13 @@
 //! nothing absorbs are skipped.
 
 use super::optics::{Any, ByDensity, DensityMedium};
-use super::phase::{PhaseFunction, Phases, Shaded, gradient};
+use super::phase::{PhaseFunction, Phases, Shaded};
 use super::specular::Glossy;
 use super::{Primary, Scratch};
 use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::render::dvr::{self, Dvr};
+use crate::render::gradient::gradient;
 use crate::render::integrator::Counts;
 use crate::render::march::{IndexRay, Span, spans};
 use crate::render::sampler::Sampler;
@@ -408,7 +409,8 @@ impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
     }
 
     fn normal(&self, _: usize, position: DVec3) -> DVec3 {
-        -gradient(self.dvr.field(), position).normalize_or_zero()
+        let field = self.dvr.field();
+        -gradient(field, field.transform.to_index(position), 0.0).normalize_or_zero()
     }
 }
 
