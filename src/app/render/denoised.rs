@@ -172,7 +172,7 @@ impl RenderSettings {
             ));
         }
         if self.pictures.scattering.samples == Some(1) {
-            return Err(Error::invalid("⟨samples=1⟩ has no two halves").hint("give ⟨samples=2⟩ or more"));
+            return Err(Error::invalid("⟨denoise⟩: ⟨samples=1⟩ has no two halves").hint("give ⟨samples=2⟩ or more"));
         }
         if !self.is_sequence() && self.pictures.views.is_some_and(|views| views > 1) && self.pictures.view.is_empty() {
             return Err(Error::invalid("⟨denoise⟩: views from all around are no sequence in time")
