@@ -51,7 +51,7 @@ fn arranged<R: Real>(grid: &Grid) -> Bricks<R> {
 /// A piecewise function of so many points over a range, clear in parts.
 fn function(seed: u64, [first, last]: [f64; 2]) -> Table {
     let r = |k: u64| noise(seed.wrapping_mul(1 << 20).wrapping_add(k));
-    let count = 2 + (r(0) * r(0) * 14.0) as u64;
+    let count = 2 + (r(0) * r(0) * 60.0) as u64;
     let mut knots: Vec<f64> = (0..count).map(|k| first + (last - first) * r(100 + k)).collect();
     knots.sort_by(f64::total_cmp);
     let point = |k: u64| {
@@ -100,6 +100,7 @@ fn random_functions_of_signed_values_have_sixty_decibels() {
     let ranges =
         [[-1.0, 1.0], [-1000.0, 3000.0], [-3024.0, 3071.0], [-32768.0, 32767.0], [1e6, 1e6 + 40.0], [-9.0, -8.9]];
     let (mut sum, mut worst) = (0.0, [f64::INFINITY, 0.0]);
+    let (mut by_tables, mut seen) = (0, 0);
     for seed in 0..100_u64 {
         let range = ranges[seed as usize % ranges.len()];
         let [background, map] = [range[0], seed as f64];
@@ -118,13 +119,20 @@ fn random_functions_of_signed_values_have_sixty_decibels() {
         let decibels = -10.0 * square.log10();
         assert!(largest <= stated + 4e-5, "{seed}, {range:?}: off by {largest:.1e}, {stated:.0e} stated");
         assert!(decibels >= 60.0, "{seed}, {range:?}: {decibels:.1} dB");
+        let [_, tabled] = apart(&light(&narrow, &medium, Quadrature::PREINTEGRATED, &rays), &exact);
+        assert!(tabled <= 1e-2 + 4e-5, "{seed}, {range:?}: pre-integration is off by {tabled:.1e}");
         let [_, single] = apart(&light(&narrow, &medium, Quadrature::Exact, &rays), &exact);
         assert!(single < 4e-5, "{seed}, {range:?}: exact quadrature in f32 is off by {single:.1e}");
+        by_tables += usize::from(stated > 0.0);
+        let opacity = exact.iter().map(|rgba| rgba[3]).sum::<f64>() / exact.len() as f64;
+        seen += usize::from((0.02..0.98).contains(&opacity));
         sum += square;
         worst = [worst[0].min(decibels), worst[1].max(largest)];
     }
+    // Both default rules have their share, and most draws are neither empty nor solid.
+    assert!(by_tables >= 15 && seen >= 60, "{by_tables} by tables, {seen} seen");
     println!(
-        "{:.1} dB together, at least {:.1} dB, off by {:.1e} at most",
+        "{:.1} dB together, at least {:.1} dB, off by {:.1e} at most; {by_tables} by tables, {seen} half-seen",
         -10.0 * (sum / 100.0).log10(),
         worst[0],
         worst[1]
