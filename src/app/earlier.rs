@@ -164,8 +164,8 @@ pub(crate) fn spare_captures(json: &Path, pictures: &[PathBuf], own: &Provenance
     Err(Error::invalid(what).coded(Code::OutputExists).at(place).hint(hint))
 }
 
-/// Makes sure that a document whose text states the settings that made it, an SVG or a PDF, replaces nothing but what the
-/// same settings wrote before, or what may be replaced.
+/// Makes sure that a document whose text states the settings that made it, an SVG or a PDF, replaces nothing but what
+/// the same settings wrote before, or what may be replaced.
 ///
 /// # Errors
 /// If a document of other settings would be replaced, or what lies there cannot be read.

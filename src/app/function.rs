@@ -45,7 +45,7 @@ pub struct FunctionSettings {
 #[serde(untagged)]
 pub enum FunctionReport {
     /// Report of a function.
-    Function(Described),
+    Function(Box<Described>),
     /// The functions that are there by name.
     List(List),
 }
@@ -110,7 +110,7 @@ impl FunctionSettings {
     pub fn run(&self, context: &Context) -> Result<FunctionReport> {
         let _inputs = inputs::protect(self.inputs(), self.limits);
         match &self.input {
-            Some(input) => self.read(input, context).map(FunctionReport::Function),
+            Some(input) => self.read(input, context).map(|described| FunctionReport::Function(Box::new(described))),
             None => Ok(FunctionReport::List(List { functions: transfer::builtins() })),
         }
     }

@@ -160,7 +160,7 @@ pub(crate) fn middle(scene: &Scene) -> Option<DVec3> {
     Some(0.5 * (low + high)).filter(|middle| middle.is_finite())
 }
 
-/// What a picture states.
+/// Statements of a picture.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Stated {
     /// Camera.

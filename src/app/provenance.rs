@@ -104,8 +104,8 @@ impl Provenance {
         Ok(())
     }
 
-    /// Adds inputs that are one file each, or folders of which every file counts. A file that several frames depend on is
-    /// read once.
+    /// Adds inputs that are one file each, or folders of which every file counts. A file that several frames depend on
+    /// is read once.
     ///
     /// # Errors
     /// If a file cannot be read.

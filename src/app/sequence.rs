@@ -1,5 +1,6 @@
 //! Sequences of files, and which of their frames are worked on.
 
+use crate::app::scan::ScanSettings;
 use crate::app::volume;
 use crate::error::{Error, Result};
 use crate::formats::format::FileKind;
@@ -68,7 +69,8 @@ impl FrameSelection {
         if path.is_dir() && captures::file(path).exists() {
             return Ok(Vec::new());
         }
-        // Scans are frames where they are converted or named by a pattern, and may lie beside the sequences of a folder.
+        // Scans are frames where they are converted or named by a pattern, and may lie beside the sequences of a
+        // folder.
         let endings = registry::frame_endings(|kind| !matches!(kind, FileKind::Image(_)));
         let all = self.all(path, &endings)?;
         if all.is_empty() && path.is_dir() && !volume::is_scan(path) {
@@ -109,8 +111,8 @@ impl FrameSelection {
         Ok(all.pop())
     }
 
-    /// Returns the sequence that a path names, as [`Self::sequence`] does: in a folder one of `kinds`, else one of scans,
-    /// unless the folder is a scan itself.
+    /// Returns the sequence that a path names, as [`Self::sequence`] does: in a folder one of `kinds`, else one of
+    /// scans, unless the folder is a scan itself.
     ///
     /// # Errors
     /// Those of [`Self::sequence`].
@@ -177,6 +179,35 @@ pub(crate) fn common(sequences: &[&Sequence]) -> (Vec<u32>, Vec<u32>) {
     union.sort_unstable();
     union.dedup();
     union.into_iter().partition(|number| sequences.iter().all(|s| s.numbers.binary_search(number).is_ok()))
+}
+
+impl ScanSettings {
+    /// Refuses settings that have an effect on none of several files and sequences.
+    ///
+    /// # Errors
+    /// If there is one; the error names it. What cannot be read counts as nothing.
+    pub(crate) fn check_files<'p>(
+        &self,
+        paths: impl IntoIterator<Item = &'p Path>,
+        frames: FrameSelection,
+    ) -> Result<()> {
+        if *self == Self::default() {
+            return Ok(());
+        }
+        let mut formats = Vec::new();
+        let mut first = Path::new("");
+        for path in paths {
+            let sequences = frames.sequences(path).unwrap_or_default();
+            let frame = |s: &Sequence| Some(s.path(*s.present("read").ok()?.numbers.first()?));
+            let frames: Vec<PathBuf> = sequences.iter().filter_map(frame).collect();
+            let frames = if frames.is_empty() { vec![path.to_path_buf()] } else { frames };
+            formats.extend(frames.iter().filter_map(|frame| volume::format_of(frame).ok()));
+            if first.as_os_str().is_empty() {
+                first = path;
+            }
+        }
+        self.check_any(&formats, first)
+    }
 }
 
 #[cfg(test)]

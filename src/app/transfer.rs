@@ -51,7 +51,7 @@ impl TransferSettings {
     /// Returns the unit of the function's densities, such as `HU`; empty where it is not known.
     pub(crate) fn unit(&self) -> &'static str {
         let name = self.tf.as_deref().filter(|path| self.tf_range.is_none() && transfer::file(path).is_none());
-        name.and_then(|name| transfer::unit(name)).unwrap_or_default()
+        name.and_then(transfer::unit).unwrap_or_default()
     }
 
     /// Returns the options that the function is read with.

@@ -124,9 +124,9 @@ pub(crate) fn read_with_function(
     Ok((grid, function))
 }
 
-/// Arranges a grid for rays that only read it: constant tiles share bricks. With a transfer function values may have any
-/// sign and background, and the volume ends at its outermost active voxels, since there are no values beyond them to
-/// interpolate with; if the function absorbs at the background, the volume fills its box.
+/// Arranges a grid for rays that only read it: constant tiles share bricks. With a transfer function values may have
+/// any sign and background, and the volume ends at its outermost active voxels, since there are no values beyond them
+/// to interpolate with; if the function absorbs at the background, the volume fills its box.
 ///
 /// # Errors
 /// If values cannot be used, or the bricks would need more memory than is allowed.

@@ -29,8 +29,8 @@ struct FigureArgs {
     /// Panels in a row (default: up to three)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     columns: Option<u32>,
-    /// Width of the figure in millimetres, 85mm, or in pixels of which 300 make an inch, 1200px (default: at least 60 mm
-    /// for each panel of a row, up to 180 mm)
+    /// Width of the figure in millimetres, 85mm, or in pixels of which 300 make an inch, 1200px (default: at least 60
+    /// mm for each panel of a row, up to 180 mm)
     #[arg(long, value_name = "MM|PX", value_parser = width)]
     width: Option<Width>,
     /// Size of the font in points of 1/72 inch

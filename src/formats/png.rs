@@ -25,9 +25,9 @@ pub(crate) fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec
     encode_frames(width, height, &[rgb], 0)
 }
 
-/// Encodes the pixels `rgba[4 * (y * width + x) + channel]`, whose alpha is straight, as the bytes of an sRGB PNG file; it
-/// has an alpha channel if a pixel lets anything through. `per_inch` is the density of the pixels, and `texts` are chunks
-/// of text with their keywords.
+/// Encodes the pixels `rgba[4 * (y * width + x) + channel]`, whose alpha is straight, as the bytes of an sRGB PNG file;
+/// it has an alpha channel if a pixel lets anything through. `per_inch` is the density of the pixels, and `texts` are
+/// chunks of text with their keywords.
 ///
 /// # Errors
 /// If a side is 0 or exceeds 32 bits, or `rgba` does not have four bytes per pixel.

@@ -3,9 +3,9 @@
 //! To read from above: [`renderer`] is what a scene calls for, and [`film`] asks its [`integrator`] for every ray of a
 //! picture. There are two: [`path`] traces paths of scattered light, and [`composited`] puts emission and absorption
 //! along straight rays ([`emission_absorption`]) over a background. These are integrated by [`dvr`] (a density in a
-//! medium), [`shaded`] (surfaces of a density) and [`preshaded`] (emission and extinction by voxel), which walk a ray's bricks (`march`), cut it into
-//! segments ([`quadrature`], `segment`) and composite these by one driver (`compositing`). [`differentiable`] is what
-//! they offer beyond a value.
+//! medium), [`shaded`] (surfaces of a density) and [`preshaded`] (emission and extinction by voxel), which walk a ray's
+//! bricks (`march`), cut it into segments ([`quadrature`], `segment`) and composite these by one driver
+//! (`compositing`). [`differentiable`] is what they offer beyond a value.
 
 pub mod accuracy;
 pub(crate) mod cell;

@@ -1,9 +1,7 @@
 //! Albedos by density: which color a medium has where light shines on it, as tissue or paint has.
 
 use crate::error::{Error, Result};
-use crate::scene::medium::{Medium, Source};
 use crate::scene::table::Table;
-use std::sync::Arc;
 
 /// Meaning of the colors of a transfer function in a medium that scatters light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
@@ -39,33 +37,6 @@ impl TransferColor {
             [r, g, b, _] if r.max(g).max(b) <= 1.0 => Self::Albedo,
             _ => Self::Emission,
         }
-    }
-}
-
-impl Medium {
-    /// Returns the medium with the extinctions and colors of a transfer function, whose albedo is `own` if it states
-    /// one.
-    ///
-    /// # Errors
-    /// If colors are to be an albedo and lie above 1.
-    pub fn with_function(
-        self,
-        transfer: Table,
-        own: Option<Arc<AlbedoFunction>>,
-        color: TransferColor,
-    ) -> Result<Self> {
-        let bright = |e: Error| {
-            e.part("the transfer function")
-                .instead("⟨tf_color=emission⟩ takes the colors for radiances; or scale them to 0..1")
-        };
-        let albedo_function = match (color, own) {
-            (TransferColor::Emission, _) => None,
-            (_, Some(own)) => Some(own),
-            (_, None) => Some(Arc::new(AlbedoFunction::of_colors(&transfer).map_err(bright)?)),
-        };
-        let dark = color == TransferColor::Albedo;
-        let source = Source::Transfer(Arc::new(if dark { transfer.without_color() } else { transfer }));
-        Ok(Self { source, albedo_function, ..self })
     }
 }
 
@@ -132,6 +103,8 @@ impl AlbedoFunction {
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
+    use crate::scene::medium::{Medium, Source};
+    use std::sync::Arc;
 
     #[test]
     fn colors_are_linear_between_points_and_bounded() {

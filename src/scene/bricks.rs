@@ -5,8 +5,8 @@
 //!
 //! [`Bricks::from_grid`] stores separate values for every brick. [`Bricks::instanced`] stores the bricks of constant
 //! tiles once, for readers that never change a value. Both take densities, which are 0 where voxels are missing and
-//! never negative. [`Bricks::from_values`] and [`Bricks::instanced_values`] take values of any sign and background, such
-//! as Hounsfield units, for media with a transfer function in the data's own units.
+//! never negative. [`Bricks::from_values`] and [`Bricks::instanced_values`] take values of any sign and background,
+//! such as Hounsfield units, for media with a transfer function in the data's own units.
 
 use crate::error::{Code, Error, Result};
 use crate::math::{Aabb, Affine};
@@ -404,8 +404,8 @@ impl<R: Real> Bricks<R> {
         out
     }
 
-    /// A fog volume named `name` of the densities of the voxels that bricks own. Voxels that are not positive are inactive; leaves
-    /// without active voxels are left out.
+    /// A fog volume named `name` of the densities of the voxels that bricks own. Voxels that are not positive are
+    /// inactive; leaves without active voxels are left out.
     pub fn to_grid(&self, name: &str) -> Grid {
         let leaves = self.topology.places().filter_map(|(brick, number)| {
             let stored = &self.values[number as usize * BRICK..(number as usize + 1) * BRICK];

@@ -6,7 +6,7 @@
 //! is one color, or that color times a function of the density.
 
 use crate::error::{Error, Result};
-use crate::scene::albedo::AlbedoFunction;
+use crate::scene::albedo::{AlbedoFunction, TransferColor};
 use crate::scene::phase::Phase;
 use crate::scene::table::Table;
 use std::sync::Arc;
@@ -110,6 +110,31 @@ impl Medium {
     /// Creates a medium that only absorbs.
     pub fn absorbing(extinction: f64) -> Self {
         Self::new(extinction, Source::Grey([0.0; 3]))
+    }
+
+    /// Returns the medium with the extinctions and colors of a transfer function, whose albedo is `own` if it states
+    /// one.
+    ///
+    /// # Errors
+    /// If colors are to be an albedo and lie above 1.
+    pub fn with_function(
+        self,
+        transfer: Table,
+        own: Option<Arc<AlbedoFunction>>,
+        color: TransferColor,
+    ) -> Result<Self> {
+        let bright = |e: Error| {
+            e.part("the transfer function")
+                .instead("⟨tf_color=emission⟩ takes the colors for radiances; or scale them to 0..1")
+        };
+        let albedo_function = match (color, own) {
+            (TransferColor::Emission, _) => None,
+            (_, Some(own)) => Some(own),
+            (_, None) => Some(Arc::new(AlbedoFunction::of_colors(&transfer).map_err(bright)?)),
+        };
+        let dark = color == TransferColor::Albedo;
+        let source = Source::Transfer(Arc::new(if dark { transfer.without_color() } else { transfer }));
+        Ok(Self { source, albedo_function, ..self })
     }
 
     /// Returns the medium without the knots of its transfer function that change it by at most `tolerance` times each

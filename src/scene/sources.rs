@@ -172,8 +172,8 @@ impl<'g> Sources<'g> {
         })
     }
 
-    /// Coordinates of all bricks that store a voxel of a leaf that differs from the background, as their own or in their
-    /// apron.
+    /// Coordinates of all bricks that store a voxel of a leaf that differs from the background, as their own or in
+    /// their apron.
     pub(super) fn needed_by_leaves(&self) -> BTreeSet<[i32; 3]> {
         let mut needed = BTreeSet::new();
         for (at, leaf) in &self.leaves {

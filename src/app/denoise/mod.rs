@@ -252,7 +252,7 @@ pub struct DenoiseReport {
 /// reference: root mean squares over pixels and channels, in the units of the colors.
 #[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
 struct Accuracy {
-    /// What tells it.
+    /// Source of the estimate.
     told_by: ToldBy,
     /// Number of frames that it is estimated from: those that have halves, or frames on both sides.
     frames: usize,
@@ -279,7 +279,7 @@ struct Accuracy {
     as_it_was: f64,
 }
 
-/// What tells noise and error of frames.
+/// Source of the estimate of noise and error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum ToldBy {

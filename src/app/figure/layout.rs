@@ -16,7 +16,7 @@ const TITLE: f64 = 2.2;
 /// Colors of the area under the legend's curve, on light and dark pages.
 const FILLS: [Color; 2] = [[205; 3], [80; 3]];
 
-/// What is drawn beside the pictures.
+/// Elements that are drawn beside the pictures.
 pub(super) struct Marks {
     /// Scale bar of each panel; empty for none.
     pub bars: Vec<ScaleBar>,

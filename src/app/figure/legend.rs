@@ -29,7 +29,8 @@ pub(super) struct Legend {
     extinction: String,
 }
 
-/// Heights of the parts in font sizes, from the top: text of the extinction, its curve, colors, ticks, numbers, caption.
+/// Heights of the parts in font sizes, from the top: text of the extinction, its curve, colors, ticks, numbers,
+/// caption.
 const PARTS: [f64; 6] = [1.1, 2.2, 1.1, 0.35, 1.2, 1.5];
 /// Margin at both sides for the numbers at the ends, in font sizes.
 const MARGIN: f64 = 2.2;
@@ -55,7 +56,7 @@ impl Legend {
             }
         };
         let span = range[1] - range[0];
-        if !(span > 0.0) {
+        if span.is_nan() || span <= 0.0 {
             return Err(Error::invalid(format!("the transfer function has one density alone, {}", range[0]))
                 .hint("give one with two points, or map it to a range with ⟨tf_range=LOW,HIGH⟩"));
         }

@@ -52,8 +52,8 @@ impl FigureSettings {
     /// Reads the pictures, arranges and writes.
     ///
     /// # Errors
-    /// If a picture or a function cannot be read, a camera that a mark needs is not known, the figure has no room, or the
-    /// output cannot be written.
+    /// If a picture or a function cannot be read, a camera that a mark needs is not known, the figure has no room, or
+    /// the output cannot be written.
     pub fn run(&self, context: &Context) -> Result<FigureReport> {
         let begun = Instant::now();
         self.check()?;

@@ -101,8 +101,8 @@ fn shown(film: &Film, tone: ToneMapping, background: Option<Background>, behind:
 }
 
 impl CameraOf {
-    /// Reads the camera of a picture: that of the view that is stated, else the one whose picture has the name, else the
-    /// only one.
+    /// Reads the camera of a picture: that of the view that is stated, else the one whose picture has the name, else
+    /// the only one.
     ///
     /// # Errors
     /// If the capture cannot be read, or does not tell which camera it is.

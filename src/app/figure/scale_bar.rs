@@ -22,8 +22,8 @@ pub(super) struct ScaleBar {
 }
 
 impl ScaleBar {
-    /// Returns the bar of a picture; `length` is the one that is stated, and `distance` that of the plane on which it is
-    /// measured.
+    /// Returns the bar of a picture; `length` is the one that is stated, and `distance` that of the plane on which it
+    /// is measured.
     ///
     /// # Errors
     /// If the distance is not known, or the bar is longer than the picture or shorter than a pixel.

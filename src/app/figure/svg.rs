@@ -29,10 +29,11 @@ fn path(points: &[[f64; 2]]) -> String {
 
 /// Text that XML can hold.
 fn plain(text: &str) -> String {
-    escape(&text.replace(char::is_control, " ")).into_owned()
+    escape(text.replace(char::is_control, " ")).into_owned()
 }
 
-/// Writes a figure. `title` is its name for programs that read it aloud, and `metadata` the lines of where it comes from.
+/// Writes a figure. `title` is its name for programs that read it aloud, and `metadata` the lines of where it comes
+/// from.
 ///
 /// # Errors
 /// If a picture cannot be encoded.

@@ -41,7 +41,7 @@ struct Grid {
     unread: Option<String>,
 }
 
-/// What the values of a grid tell.
+/// Statistics of the values of a grid.
 struct Values {
     voxel_size: [f64; 3],
     index_bounds: Option<[[i32; 3]; 2]>,

@@ -1,6 +1,6 @@
 //! Motions traced from volumes and cameras, frame by frame.
 
-use crate::app::render::between;
+use crate::app::pictures::between;
 use crate::app::scan::ScanSettings;
 use crate::app::{sequence, volume};
 use crate::cancel::Cancel;

@@ -1,13 +1,9 @@
 //! Cameras by the names of sides, by angles, or by positions.
 
-use super::settings::PictureSettings;
-use super::stage::SIZE;
-use crate::app::{pictured, ranges};
+use crate::app::ranges;
 use crate::error::{Code, Error, Result};
 use crate::scene::aim::{self, Bearing, Side, Stand, View};
 use crate::scene::camera::{Camera, Projection};
-use crate::scene::orbit;
-use crate::scene::scene::Scene;
 use crate::scene::up::Up;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -110,27 +106,6 @@ impl AimSettings {
     pub(crate) fn cameras(&self, points: &[DVec3], size: [u32; 2], field_of_view: f64, up: Up) -> Vec<Camera> {
         let projection = if self.orthographic { Projection::Orthographic } else { Projection::Perspective };
         aim::cameras(points, &self.stands(up), View { size, field_of_view, projection })
-    }
-}
-
-impl PictureSettings {
-    /// Returns the number of cameras that are to be placed; none where none are stated.
-    pub(in crate::app) fn placed(&self) -> Option<u32> {
-        self.aim.count().or(self.views)
-    }
-
-    /// Returns the position that cameras look at: the target that is stated, else the middle of the volumes.
-    pub(in crate::app) fn focus(&self, scene: &Scene) -> Option<DVec3> {
-        self.aim.target.map(DVec3::from).or_else(|| pictured::middle(scene))
-    }
-
-    /// Places cameras around the points: those that `aim` states, else `views` of them.
-    pub(in crate::app) fn place(&self, points: &[DVec3], up: Up) -> Vec<Camera> {
-        let [width, height] = self.size.unwrap_or(SIZE);
-        if self.aim.count().is_some() {
-            return self.aim.cameras(points, [width, height], self.fov, up);
-        }
-        orbit::cameras(points, self.views.unwrap_or(1) as usize, self.layout, width, height, self.fov, up)
     }
 }
 

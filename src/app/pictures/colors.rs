@@ -1,15 +1,14 @@
 //! Meaning of a transfer function's colors in pictures of scattered light.
 
-use super::scattering::ScatteringSettings;
 use crate::error::Result;
 use crate::formats::transfer::Function;
 use crate::scene::albedo::{AlbedoFunction, TransferColor};
 use std::sync::Arc;
 
-/// What the colors of a transfer function are taken for in a medium that scatters light.
+/// Meaning of the colors of a transfer function in a medium that scatters light.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::app) struct Colors {
-    /// Their meaning.
+    /// Meaning of the colors.
     pub color: TransferColor,
     /// True if the settings state it.
     stated: bool,
@@ -18,13 +17,13 @@ pub(in crate::app) struct Colors {
 }
 
 impl Colors {
-    /// Returns what the colors of a function are taken for by the settings.
+    /// Returns the meaning of the colors of a function: that which is `stated`, else the usual one.
     ///
     /// # Errors
     /// If the function cannot be used.
-    pub(crate) fn of(function: &Function, settings: &ScatteringSettings) -> Result<Self> {
-        let color = settings.tf_color.map_or_else(|| function.usual_color(), Ok)?;
-        Ok(Self { color, stated: settings.tf_color.is_some(), own: function.albedo.clone() })
+    pub(crate) fn of(function: &Function, stated: Option<TransferColor>) -> Result<Self> {
+        let color = stated.map_or_else(|| function.usual_color(), Ok)?;
+        Ok(Self { color, stated: stated.is_some(), own: function.albedo.clone() })
     }
 
     /// Says what the colors were taken for, where no setting states it.

@@ -2,8 +2,10 @@
 //! calls for.
 
 mod aim;
+mod between;
 mod capture;
 pub(in crate::app) mod colors;
+mod placed;
 pub mod renderer;
 pub mod scales;
 pub mod scattering;
@@ -13,6 +15,7 @@ mod stage;
 pub(crate) mod subject;
 
 pub use aim::AimSettings;
+pub(in crate::app) use between::between;
 pub(in crate::app) use capture::Cameras;
 pub(crate) use settings::EARLY_STOP;
 pub use settings::{DensityScale, PictureSettings, PlanningSettings};

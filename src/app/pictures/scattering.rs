@@ -48,7 +48,7 @@ impl Sky {
 pub struct ScatteringSettings {
     /// Fraction of the extinction that is scattered in R, G and B, from 0 to 1; none for no scattering.
     pub albedo: Option<[f32; 3]>,
-    /// What the colors of a transfer function are; none for the albedo where all of them lie within 0 to 1, else
+    /// Meaning of the colors of a transfer function; none for the albedo where all of them lie within 0 to 1, else
     /// emission, and for what the function states where it has an albedo of its own.
     pub tf_color: Option<TransferColor>,
     /// Mean cosine of the scattering angle (Henyey-Greenstein), -0.999 to 0.999; none for that of a stage, else 0.

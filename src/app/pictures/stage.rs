@@ -19,8 +19,8 @@ use std::path::{Path, PathBuf};
 pub(crate) const SIZE: [u32; 2] = [256, 256];
 
 impl PictureSettings {
-    /// Returns the pattern of the numbered volumes in the folder that is named as the input; `None` for any other input,
-    /// such as the folder of a scan.
+    /// Returns the pattern of the numbered volumes in the folder that is named as the input; `None` for any other
+    /// input, such as the folder of a scan.
     ///
     /// # Errors
     /// If the folder holds several sequences, or none.

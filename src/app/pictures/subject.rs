@@ -28,7 +28,7 @@ pub(in crate::app) enum Subject {
     Grids {
         /// Grids.
         grids: Grids,
-        /// What the colors of the transfer function are, where light is scattered.
+        /// Meaning of the colors of the transfer function, where light is scattered.
         colors: Option<Colors>,
         /// Remarks on the transfer function.
         remarks: Vec<String>,
@@ -159,7 +159,7 @@ impl PictureSettings {
         let (grids, function) = self.grids(template, limits)?;
         provenance.files(self.files().iter().map(PathBuf::as_path))?;
         let scattered = function.as_ref().filter(|_| self.scattering.on());
-        let colors = scattered.map(|function| Colors::of(function, &self.scattering)).transpose()?;
+        let colors = scattered.map(|function| Colors::of(function, self.scattering.tf_color)).transpose()?;
         if colors.is_none() && self.scattering.tf_color.is_some() {
             return Err(Error::invalid("⟨tf_color⟩: the pictures show no transfer function")
                 .at(&self.input)

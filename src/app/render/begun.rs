@@ -60,7 +60,7 @@ pub(super) struct Pictured<'p> {
     /// Number of the view or frame.
     pub number: usize,
     pub camera: &'p Camera,
-    /// What the picture shows.
+    /// Subject of the picture.
     pub scene: &'p Scene,
 }
 

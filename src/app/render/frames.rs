@@ -12,13 +12,13 @@ use crate::app::context::Picture;
 use crate::app::earlier::Earlier;
 use crate::app::failed::{Failed, List};
 use crate::app::frame_loop::{FrameLoop, parted};
-use crate::app::pictures::Cameras;
 use crate::app::pictures::DensityScale;
 use crate::app::pictures::renderer::Chosen;
 use crate::app::pictures::scales::DensityScales;
 use crate::app::pictures::scattering::Paths;
 use crate::app::pictures::settle::Settled;
 use crate::app::pictures::subject::Subject;
+use crate::app::pictures::{Cameras, between};
 use crate::app::renewed::{self, Renewed};
 use crate::app::sequence::{numbers, pattern};
 use crate::app::up::ChosenUp;
@@ -26,7 +26,7 @@ use crate::app::volume;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::png::ToneMapping;
-use crate::formats::sequence::{self, Frames, Pattern};
+use crate::formats::sequence::{Frames, Pattern};
 use crate::formats::vdb::velocity;
 use crate::render::film::{Rendered, View};
 use crate::render::integrator::Counts;
@@ -194,37 +194,6 @@ impl RenderSettings {
         };
         between(template, path, numbers)?.into_iter().map(cropped).collect()
     }
-}
-
-/// Returns the camera of each frame, the one whose picture bears the frame's number, or the only one; before and after
-/// it those of the numbers next to it, or itself. `path` is that of the capture.
-///
-/// # Errors
-/// If a frame has no camera.
-pub(crate) fn between(template: &Capture, path: &Path, numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
-    if let [only] = &template.frames[..] {
-        return Ok(vec![[only.camera; 3]]);
-    }
-    let of = |number: Option<u32>| {
-        let bears = |frame: &&Frame| number.is_some() && sequence::number_of(&frame.picture) == number;
-        template.frames.iter().find(bears).map(|frame| frame.camera)
-    };
-    let find = |number: &u32| {
-        let beside = |camera| [number.checked_sub(1), number.checked_add(1)].map(|n| of(n).unwrap_or(camera));
-        let between = |camera| {
-            let [before, after] = beside(camera);
-            [before, camera, after]
-        };
-        of(Some(*number)).map(between).ok_or_else(|| {
-            let known: Vec<u32> = template.frames.iter().filter_map(|f| sequence::number_of(&f.picture)).collect();
-            let range = known.iter().min().zip(known.iter().max());
-            let known = range.map_or("no numbers".into(), |(a, b)| format!("the numbers {a} to {b}"));
-            Error::invalid(format!("no camera for frame {number}: the pictures' names have {known}"))
-                .at(path)
-                .hint("choose frames with ⟨frames⟩, or give one camera for all of them")
-        })
-    };
-    numbers.iter().map(find).collect()
 }
 
 /// Refuses frames of which none is there.

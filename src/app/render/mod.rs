@@ -15,7 +15,6 @@ mod visibility;
 pub use accuracy::AccuracySettings;
 pub use denoised::DenoisedReport;
 pub use frames::FramesReport;
-pub(crate) use frames::between;
 pub use merge::{MergeReport, MergeSettings};
 pub use views::ViewsReport;
 

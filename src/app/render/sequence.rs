@@ -26,7 +26,7 @@ pub(super) struct Shot {
     pub capture: Capture,
     pub scales: DensityScales,
     pub scene: Scene,
-    /// What the colors of the transfer function are.
+    /// Meaning of the colors of the transfer function.
     pub colors: Option<Colors>,
     pub plan: Option<Plan>,
     pub provenance: Provenance,

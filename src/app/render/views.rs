@@ -172,7 +172,7 @@ struct Views<'v> {
     scales: DensityScales,
     up: Option<ChosenUp>,
     remarks: Vec<String>,
-    /// What the colors of the transfer function are.
+    /// Meaning of the colors of the transfer function.
     colors: Option<Colors>,
     provenance: Provenance,
     /// True if paths were asked for.

@@ -97,7 +97,8 @@ impl Grids for Scan {
         let built = volume::build(&mut image, &settings(name, self.grid_type, limits), |_, _| {});
         built.map(|(native, _)| native).map_err(|e| match e.code() {
             Code::MemoryLimit => e.instead(
-                "raise ⟨max_memory⟩, or make a VDB in which more is background with ⟨convert.threshold⟩ or ⟨convert.map⟩",
+                "raise ⟨max_memory⟩, or make a VDB in which more is background with ⟨convert.threshold⟩ or \
+                 ⟨convert.map⟩",
             ),
             _ => e,
         })

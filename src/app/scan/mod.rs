@@ -3,8 +3,6 @@
 pub(crate) mod grids;
 pub(crate) mod values;
 
-use super::sequence::{FrameSelection, Sequence};
-use super::volume;
 use crate::error::{Error, Result};
 use crate::formats::format::{FileKind, Format};
 use crate::formats::imaging::options::{Axes, Options, ReadOption};
@@ -12,7 +10,7 @@ use crate::formats::imaging::volume::GridType;
 use crate::math::Affine;
 use glam::{DMat4, DVec3, DVec4};
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Part of a scan, an image or an array that is read, and where its voxels lie.
 ///
@@ -130,33 +128,6 @@ impl ScanSettings {
             Some(_) => formats.first().map_or(Ok(()), |format| self.check(format, path)),
             None => Ok(()),
         }
-    }
-
-    /// Refuses settings that have an effect on none of several files and sequences.
-    ///
-    /// # Errors
-    /// If there is one; the error names it. What cannot be read counts as nothing.
-    pub(crate) fn check_files<'p>(
-        &self,
-        paths: impl IntoIterator<Item = &'p Path>,
-        frames: FrameSelection,
-    ) -> Result<()> {
-        if *self == Self::default() {
-            return Ok(());
-        }
-        let mut formats = Vec::new();
-        let mut first = Path::new("");
-        for path in paths {
-            let sequences = frames.sequences(path).unwrap_or_default();
-            let frame = |s: &Sequence| Some(s.path(*s.present("read").ok()?.numbers.first()?));
-            let frames: Vec<PathBuf> = sequences.iter().filter_map(frame).collect();
-            let frames = if frames.is_empty() { vec![path.to_path_buf()] } else { frames };
-            formats.extend(frames.iter().filter_map(|frame| volume::format_of(frame).ok()));
-            if first.as_os_str().is_empty() {
-                first = path;
-            }
-        }
-        self.check_any(&formats, first)
     }
 
     /// Returns the settings that have an effect on files of a format.

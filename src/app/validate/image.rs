@@ -64,7 +64,8 @@ fn values(name: &str, Measured { header, spacing, spread }: &Measured, findings:
         of(
             false,
             format!("{count} values are negative (down to {least})"),
-            "densities of absorbing media are not: cumulo convert ⟨map=LOW,HIGH⟩ makes densities from 0 to 1 of a range",
+            "densities of absorbing media are not: cumulo convert ⟨map=LOW,HIGH⟩ makes densities from 0 to 1 of a \
+             range",
         );
     }
     if spread.min.is_some() && spread.min == spread.max {

@@ -22,8 +22,8 @@ use std::str::FromStr;
 /// Options that pictures are made by: subject, cameras, media and light.
 #[derive(Debug, clap::Args)]
 struct PictureArgs {
-    /// VDB, NanoVDB, scan, USD stage, or scene file in JSON (`cumulo schema scene`), to render; smoke.####.vdb, smoke.%04d.vdb,
-    /// smoke.$F4.vdb, smoke.0001-0100.vdb and folders of numbered VDBs are sequences
+    /// VDB, NanoVDB, scan, USD stage, or scene file in JSON (`cumulo schema scene`), to render; smoke.####.vdb,
+    /// smoke.%04d.vdb, smoke.$F4.vdb, smoke.0001-0100.vdb and folders of numbered VDBs are sequences
     input: PathBuf,
     /// Place this many cameras around the volume
     #[arg(

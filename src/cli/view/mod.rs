@@ -21,9 +21,10 @@ use terminal::Graphics;
 
 /// Look at files: volumes, pictures, captures and sequences, each as one contact sheet
 ///
-/// A VDB, a NanoVDB or a scan is shown by a picture of its density, three slices and a histogram; an OpenEXR picture by its layers; a
-/// capture by its views and a plan of its cameras; a sequence by its frames. Scales and exposures are chosen so that
-/// something can be seen, and are stated. A file that cannot be shown is named, and the others are shown.
+/// A VDB, a NanoVDB or a scan is shown by a picture of its density, three slices and a histogram; an OpenEXR picture by
+/// its layers; a capture by its views and a plan of its cameras; a sequence by its frames. Scales and exposures are
+/// chosen so that something can be seen, and are stated. A file that cannot be shown is named, and the others are
+/// shown.
 #[derive(Debug, clap::Args)]
 struct ViewArgs {
     /// OpenVDB and NanoVDB files, scans, pictures (OpenEXR, PNG, JPEG), captures, and sequences such as smoke.####.vdb,

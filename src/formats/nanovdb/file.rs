@@ -51,7 +51,8 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// Type of the values of the grid of OpenVDB that it becomes; integers with a background other than 0 become floats.
+    /// Type of the values of the grid of OpenVDB that it becomes; integers with a background other than 0 become
+    /// floats.
     pub(crate) fn value_kind(&self) -> ValueKind {
         match Kind::of(self.kind) {
             Some(kind) if kind.components() == 3 => ValueKind::Vec3,

@@ -31,7 +31,8 @@ pub(super) struct Preset {
     pub colors: Vec<ColorKnot>,
     /// Opacity knots; `None` if the file states no opacities.
     pub opacities: Option<Vec<OpacityKnot>>,
-    /// Without opacities: true if extinction rises from the middle to both ends, false from the first color to the last.
+    /// Without opacities: true if extinction rises from the middle to both ends, false from the first color to the
+    /// last.
     pub diverging: bool,
 }
 

@@ -6,9 +6,8 @@
 //! opacities are choices of this program; opacities are for a layer of one world unit, which in medical volumes is a
 //! millimetre.
 //!
-//! Presets for CT run from -1024 to 3071 HU, the range of a scanner's twelve bits, and show volumes of these units as they
-//! are. A volume that stores HU + 1024, so
-//! that air is 0, is mapped by the range 0 to 4095.
+//! Presets for CT run from -1024 to 3071 HU, the range of a scanner's twelve bits, and show volumes of these units as
+//! they are. A volume that stores HU + 1024, so that air is 0, is mapped by the range 0 to 4095.
 
 use super::Entry;
 use crate::formats::transfer::color::Space;
