@@ -62,7 +62,7 @@ impl FigureSettings {
         outputs::file(&self.output, content)?;
         protected::check(&self.output)?;
         let mut provenance = Provenance::begin(context).of("figure", self, &MANNER);
-        self.spare(content, &provenance)?;
+        self.refuse_overwrite(content, &provenance)?;
         provenance.files(self.inputs.iter().map(|path| path.as_path()))?;
         let panels = self.panels(context)?;
         let marks = Marks { bars: self.bars(&panels)?, legend: self.legend()? };
@@ -95,7 +95,7 @@ impl FigureSettings {
     }
 
     /// Makes sure that the figure replaces nothing but what the same settings made, or what may be replaced.
-    fn spare(&self, content: Content, provenance: &Provenance) -> Result<()> {
+    fn refuse_overwrite(&self, content: Content, provenance: &Provenance) -> Result<()> {
         if content == Content::Png {
             let policy = Policy { own: provenance, keys: Keys::RENDERED, overwrite: self.overwrite, resume: false };
             return policy.check(&self.output);

@@ -32,7 +32,7 @@ struct Face {
 }
 
 /// Returns a direction of the world as the camera shows it: to the right, downwards and towards the camera.
-fn seen(camera: &Camera, direction: DVec3) -> DVec3 {
+fn to_camera(camera: &Camera, direction: DVec3) -> DVec3 {
     let v = camera.camera_to_world.transpose().transform_vector3(direction);
     DVec3::new(v.x, -v.y, v.z)
 }
@@ -43,14 +43,14 @@ fn faces(camera: &Camera) -> Vec<Face> {
     for (axis, letters) in LETTERS.iter().enumerate() {
         for (letter, sign) in letters.iter().zip([1.0, -1.0]) {
             let normal = sign * DVec3::AXES[axis];
-            let facing = seen(camera, normal).z;
+            let facing = to_camera(camera, normal).z;
             // Faces that are seen from their edge are lines.
             if facing < 1e-6 {
                 continue;
             }
             let (u, v) = (DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]);
             let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
-            let corners = corners.map(|(a, b)| seen(camera, normal + a * u + b * v).truncate());
+            let corners = corners.map(|(a, b)| to_camera(camera, normal + a * u + b * v).truncate());
             faces.push(Face { letter, axis, corners, facing });
         }
     }
@@ -102,7 +102,7 @@ fn cube(drawing: &mut Drawing, camera: &Camera, [x, y]: Point, size: f64) {
 
 fn triad(drawing: &mut Drawing, camera: &Camera, [x, y]: Point, size: f64, ink: Color) {
     let length = (REACH - 0.6) * size;
-    let mut axes: Vec<(usize, DVec3)> = DVec3::AXES.iter().map(|axis| seen(camera, *axis)).enumerate().collect();
+    let mut axes: Vec<(usize, DVec3)> = DVec3::AXES.iter().map(|axis| to_camera(camera, *axis)).enumerate().collect();
     // Those that point away from the camera lie behind the others.
     axes.sort_by(|a, b| a.1.z.total_cmp(&b.1.z));
     for (axis, direction) in axes {
@@ -162,8 +162,8 @@ mod tests {
     #[test]
     fn directions_are_to_the_right_downwards_and_towards() {
         let camera = from(Side::Anterior);
-        assert!((seen(&camera, DVec3::X) - DVec3::NEG_X).length() < 1e-12, "the patient's right is at the left");
-        assert!((seen(&camera, DVec3::Y) - DVec3::Z).length() < 1e-12);
-        assert!((seen(&camera, DVec3::Z) - DVec3::NEG_Y).length() < 1e-12, "up");
+        assert!((to_camera(&camera, DVec3::X) - DVec3::NEG_X).length() < 1e-12, "the patient's right is at the left");
+        assert!((to_camera(&camera, DVec3::Y) - DVec3::Z).length() < 1e-12);
+        assert!((to_camera(&camera, DVec3::Z) - DVec3::NEG_Y).length() < 1e-12, "up");
     }
 }

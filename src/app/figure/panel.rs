@@ -54,7 +54,7 @@ impl FigureSettings {
             )
         });
         let behind = stated.background.unwrap_or_default();
-        let raster = shown(&film, ToneMapping { exposure: self.exposure }, self.background, behind);
+        let raster = rasterized(&film, ToneMapping { exposure: self.exposure }, self.background, behind);
         let distance = self.distance.or(distance);
         Ok(Panel { picture: path.to_path_buf(), raster, camera, distance, remark })
     }
@@ -75,7 +75,7 @@ fn fitted(camera: Camera, [width, height]: [u32; 2]) -> Result<Camera> {
 }
 
 /// Returns a film as it is shown. `behind` is the radiance behind the volume, in place of which the page is seen.
-fn shown(film: &Film, tone: ToneMapping, background: Option<Background>, behind: [f32; 3]) -> Raster {
+fn rasterized(film: &Film, tone: ToneMapping, background: Option<Background>, behind: [f32; 3]) -> Raster {
     let size = [film.width, film.height];
     let factor = tone.exposure.exp2() as f32;
     let Some(background) = background else {
@@ -142,14 +142,14 @@ mod tests {
         let film = Film::of(2, 1, vec![[0.7, 0.5, 0.5, 0.5], [1.0, 1.0, 1.0, 0.0]]);
         let tone = ToneMapping { exposure: 0.0 };
         let level = |v: f32| (255.0 * display::value(v) + 0.5) as u8;
-        let as_is = shown(&film, tone, None, [1.0; 3]);
+        let as_is = rasterized(&film, tone, None, [1.0; 3]);
         assert_eq!(as_is.rgba, [level(0.7), level(0.5), level(0.5), 255, 255, 255, 255, 255]);
-        let black = shown(&film, tone, Some(Background::Black), [1.0; 3]);
+        let black = rasterized(&film, tone, Some(Background::Black), [1.0; 3]);
         assert_eq!(black.rgba[..4], [level(0.2), 0, 0, 255]);
         assert_eq!(black.rgba[4..], [0, 0, 0, 255]);
-        let white = shown(&film, tone, Some(Background::White), [1.0; 3]);
+        let white = rasterized(&film, tone, Some(Background::White), [1.0; 3]);
         assert_eq!(white.rgba, as_is.rgba);
-        let clear = shown(&film, tone, Some(Background::Transparent), [1.0; 3]);
+        let clear = rasterized(&film, tone, Some(Background::Transparent), [1.0; 3]);
         assert_eq!(clear.rgba, [level(0.4), 0, 0, 128, 0, 0, 0, 0]);
     }
 }

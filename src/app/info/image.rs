@@ -1,7 +1,7 @@
 //! Scans and arrays: their headers and their values.
 
 use crate::app::scan::ScanSettings;
-use crate::app::scan::values::{Measured, Spread, measured};
+use crate::app::scan::values::{Measured, ValueStatistics, measured};
 use crate::error::Result;
 use crate::formats::format::Format;
 use crate::formats::imaging::ImageFormat;
@@ -45,7 +45,7 @@ struct Entry {
     matrix: [[f64; 4]; 4],
     /// Directions in which the indices grow; none where the file's space is not that of a body.
     orientation: Option<Orientation>,
-    statistics: Spread,
+    statistics: ValueStatistics,
     /// Assumptions and omissions of the reader.
     notes: Vec<String>,
 }
@@ -94,7 +94,7 @@ pub(crate) fn summary(
     Ok(Summary { kind: format.name, images: images.into_iter().map(entry).collect() })
 }
 
-fn entry(Measured { header, spacing, spread }: Measured) -> Entry {
+fn entry(Measured { header, spacing, statistics }: Measured) -> Entry {
     let (map, about) = (header.index_to_world, header.about);
     Entry {
         name: header.name,
@@ -108,7 +108,7 @@ fn entry(Measured { header, spacing, spread }: Measured) -> Entry {
         origin: map.to_world(glam::DVec3::ZERO).to_array(),
         matrix: map.matrix().transpose().to_cols_array_2d(),
         orientation: about.anatomical.then(|| Orientation::of(&map)),
-        statistics: spread,
+        statistics: statistics,
         notes: all_worded(header.notes),
     }
 }

@@ -1,4 +1,4 @@
-//! The values of scans, slice by slice: their range, how they are spread, and what is wrong with them.
+//! The values of scans, slice by slice: their range, how they are distributed, and what is wrong with them.
 
 use super::ScanSettings;
 use crate::error::Result;
@@ -20,7 +20,7 @@ const PERCENTS: [f64; 5] = [1.0, 25.0, 50.0, 75.0, 99.0];
 
 /// Statistics of all values of a scan, those of the background among them; a vector counts by its length.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, schemars::JsonSchema)]
-pub(crate) struct Spread {
+pub(crate) struct ValueStatistics {
     /// Number of values.
     pub count: u64,
     /// Smallest finite value; none if there are no finite values.
@@ -61,7 +61,7 @@ pub(crate) struct Measured {
     pub header: Header,
     /// False where neither the file nor the settings say how large voxels are.
     pub spacing: bool,
-    pub spread: Spread,
+    pub statistics: ValueStatistics,
 }
 
 /// Reads the headers and all values of a scan. Of several points in time or channels the first one is read unless the
@@ -87,9 +87,9 @@ pub(crate) fn measured(
     };
     let mut all = Vec::new();
     for mut image in images {
-        let spread = Spread::first_pass(&mut image).map_err(|e| e.at(path))?;
+        let statistics = ValueStatistics::first_pass(&mut image).map_err(|e| e.at(path))?;
         image.header.notes.extend(image.slices.notes());
-        all.push(Measured { header: image.header, spacing, spread });
+        all.push(Measured { header: image.header, spacing, statistics });
     }
     second_pass(path, reader, &options, limits, &mut all)?;
     Ok(all)
@@ -105,10 +105,10 @@ fn second_pass(
 ) -> Result<()> {
     let images = reader.open(path, options, limits)?;
     for (mut image, measured) in images.into_iter().zip(all) {
-        let bins = Bins::of(&measured.spread);
+        let bins = Bins::of(&measured.statistics);
         let Some(mut bins) = bins else { continue };
         each(&mut image, |value| bins.count(value)).map_err(|e| e.at(path))?;
-        measured.spread.histogram = bins.coarse;
+        measured.statistics.histogram = bins.coarse;
         let total = bins.fine.iter().sum::<u64>();
         let value = |percent: f64| {
             let wanted = (percent / 100.0 * total as f64).max(1.0);
@@ -122,7 +122,7 @@ fn second_pass(
                 at => bins.low + (at as f64 + bins.inside) * bins.width,
             }
         };
-        measured.spread.percentiles =
+        measured.statistics.percentiles =
             PERCENTS.iter().map(|percent| Percentile { percent: *percent, value: value(*percent) }).collect();
     }
     Ok(())
@@ -144,30 +144,30 @@ fn each(image: &mut Image, mut take: impl FnMut(f64)) -> Result<()> {
     Ok(())
 }
 
-impl Spread {
+impl ValueStatistics {
     fn first_pass(image: &mut Image) -> Result<Self> {
-        let mut spread = Self { whole: true, ..Self::default() };
+        let mut statistics = Self { whole: true, ..Self::default() };
         let (mut low, mut high, mut sum) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
         each(image, |value| {
-            spread.count += 1;
+            statistics.count += 1;
             if value.is_nan() {
-                spread.nan += 1;
+                statistics.nan += 1;
             } else if value.is_infinite() {
-                spread.infinite += 1;
+                statistics.infinite += 1;
             } else {
                 low = low.min(value);
                 high = high.max(value);
                 sum += value;
-                spread.negative += u64::from(value < 0.0);
-                spread.zero += u64::from(value == 0.0);
-                spread.whole &= value.fract() == 0.0;
+                statistics.negative += u64::from(value < 0.0);
+                statistics.zero += u64::from(value == 0.0);
+                statistics.whole &= value.fract() == 0.0;
             }
         })?;
-        let finite = spread.count - spread.nan - spread.infinite;
+        let finite = statistics.count - statistics.nan - statistics.infinite;
         if finite > 0 {
-            (spread.min, spread.max, spread.mean) = (Some(low), Some(high), Some(sum / finite as f64));
+            (statistics.min, statistics.max, statistics.mean) = (Some(low), Some(high), Some(sum / finite as f64));
         }
-        Ok(spread)
+        Ok(statistics)
     }
 }
 
@@ -186,12 +186,12 @@ struct Bins {
 
 impl Bins {
     /// Returns empty bins; none without finite values.
-    fn of(spread: &Spread) -> Option<Self> {
-        let (low, high) = (spread.min?, spread.max?);
+    fn of(statistics: &ValueStatistics) -> Option<Self> {
+        let (low, high) = (statistics.min?, statistics.max?);
         let (low_half, high_half) = (low / 2.0, high / 2.0);
         // Halves, so that the range of the largest numbers is finite.
         let range = 2.0 * (high_half - low_half).min(f64::MAX / 2.0);
-        let exact = spread.whole && range < FINE as f64;
+        let exact = statistics.whole && range < FINE as f64;
         let (width, inside) = if exact { (1.0, 0.0) } else { (range / FINE as f64, 0.5) };
         Some(Self { low, width, inside, step: range / BINS as f64, fine: vec![0; FINE], coarse: vec![0; BINS] })
     }
@@ -223,7 +223,7 @@ mod tests {
         }
     }
 
-    fn spread_of(values: &[f64]) -> Spread {
+    fn statistics_of(values: &[f64]) -> ValueStatistics {
         let image = || Image {
             header: Header {
                 name: None,
@@ -236,19 +236,22 @@ mod tests {
             },
             slices: Box::new(Numbers(values.to_vec())),
         };
-        let mut spread = Spread::first_pass(&mut image()).unwrap();
-        let mut bins = Bins::of(&spread).unwrap();
+        let mut statistics = ValueStatistics::first_pass(&mut image()).unwrap();
+        let mut bins = Bins::of(&statistics).unwrap();
         each(&mut image(), |value| bins.count(value)).unwrap();
-        spread.histogram = bins.coarse;
-        spread
+        statistics.histogram = bins.coarse;
+        statistics
     }
 
     #[test]
     fn values_are_counted_and_the_extreme_ones_do_not_overflow() {
-        let spread = spread_of(&[-1.0, 0.0, 2.0, f64::NAN, f64::INFINITY]);
-        assert_eq!((spread.min, spread.max, spread.negative, spread.zero), (Some(-1.0), Some(2.0), 1, 1));
-        assert_eq!((spread.nan, spread.infinite, spread.histogram.iter().sum::<u64>()), (1, 1, 3));
-        assert_eq!(spread_of(&[f64::MAX, f64::MIN]).histogram.iter().sum::<u64>(), 2);
-        assert_eq!(spread_of(&[7.0, 7.0]).histogram[0], 2);
+        let statistics = statistics_of(&[-1.0, 0.0, 2.0, f64::NAN, f64::INFINITY]);
+        assert_eq!(
+            (statistics.min, statistics.max, statistics.negative, statistics.zero),
+            (Some(-1.0), Some(2.0), 1, 1)
+        );
+        assert_eq!((statistics.nan, statistics.infinite, statistics.histogram.iter().sum::<u64>()), (1, 1, 3));
+        assert_eq!(statistics_of(&[f64::MAX, f64::MIN]).histogram.iter().sum::<u64>(), 2);
+        assert_eq!(statistics_of(&[7.0, 7.0]).histogram[0], 2);
     }
 }

@@ -32,7 +32,7 @@ pub(super) fn check(
     for (number, image) in images.iter().enumerate() {
         let name = image.header.name.clone().unwrap_or_else(|| format!("image {number}"));
         values(&name, image, findings);
-        let s = &image.spread;
+        let s = &image.statistics;
         let figures = s.max.zip(s.mean).map(|(max, mean)| [max, mean * (s.count - s.nan - s.infinite) as f64]);
         let kind = image.header.about.sample.map_or("numbers", crate::formats::sample::Sample::name).to_owned();
         let place = image.spacing.then(|| image.header.index_to_world.matrix());
@@ -42,7 +42,7 @@ pub(super) fn check(
 }
 
 /// Checks what is known of an image.
-fn values(name: &str, Measured { header, spacing, spread }: &Measured, findings: &mut Findings) {
+fn values(name: &str, Measured { header, spacing, statistics }: &Measured, findings: &mut Findings) {
     let part = format!("image '{name}'");
     let mut of = |certain: bool, what: String, remedy: &str| findings.of_part(certain, &part, what, remedy);
     if !spacing {
@@ -52,15 +52,15 @@ fn values(name: &str, Measured { header, spacing, spread }: &Measured, findings:
             "give it with ⟨voxel_size⟩ or ⟨spacing⟩ where the file is read",
         );
     }
-    if spread.nan > 0 {
-        of(true, format!("{} values are NaN", spread.nan), "cumulo convert ⟨repair⟩ sets them to 0 in a VDB of it");
+    if statistics.nan > 0 {
+        of(true, format!("{} values are NaN", statistics.nan), "cumulo convert ⟨repair⟩ sets them to 0 in a VDB of it");
     }
-    if spread.infinite > 0 {
-        let what = format!("{} values are infinite", spread.infinite);
+    if statistics.infinite > 0 {
+        let what = format!("{} values are infinite", statistics.infinite);
         of(true, what, "cumulo convert ⟨repair⟩ sets them to 0 in a VDB of it");
     }
-    if spread.negative > 0 {
-        let (count, least) = (spread.negative, spread.min.unwrap_or_default());
+    if statistics.negative > 0 {
+        let (count, least) = (statistics.negative, statistics.min.unwrap_or_default());
         of(
             false,
             format!("{count} values are negative (down to {least})"),
@@ -68,9 +68,9 @@ fn values(name: &str, Measured { header, spacing, spread }: &Measured, findings:
              range",
         );
     }
-    if spread.min.is_some() && spread.min == spread.max {
-        let what = format!("all values are {}", spread.min.unwrap_or_default());
-        of(spread.max == Some(0.0), what, "check that the recording or the export reached this file");
+    if statistics.min.is_some() && statistics.min == statistics.max {
+        let what = format!("all values are {}", statistics.min.unwrap_or_default());
+        of(statistics.max == Some(0.0), what, "check that the recording or the export reached this file");
     }
     // Remarks of the reader say what it has assumed.
     header

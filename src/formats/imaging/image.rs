@@ -28,13 +28,13 @@ pub struct Header {
     pub values: Values,
     /// Maps indices of voxel centres to the world (see the module's conventions).
     pub index_to_world: Affine,
-    /// What else the file says of its values and its space.
+    /// Further statements of the file on its values and its space.
     pub about: About,
     /// Assumptions and omissions of the reader, one sentence each, for the user.
     pub notes: Vec<String>,
 }
 
-/// What a file says of its values and its space, beyond what a grid is made of.
+/// Statements of a file on its values and its space, beyond what a grid is made of.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct About {
     /// Type of the stored numbers, where the reader knows it.

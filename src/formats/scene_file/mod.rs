@@ -131,7 +131,7 @@ pub struct MediumEntry {
     pub emission: Option<[f32; 3]>,
     /// Transfer function from density to extinction and source radiance, found from the folder of the scene.
     pub transfer: Option<PathBuf>,
-    /// What the colors of the transfer function are; emission unless stated, and both where the function states an
+    /// Meaning of the colors of the transfer function: emission unless stated, and both where the function states an
     /// albedo of its own.
     pub tf_color: Option<TransferColor>,
     /// Emission by a grid of its own, whatever the density.

@@ -45,7 +45,7 @@ pub struct Overrides {
 pub struct ScatteringOverride {
     /// Share of the extinction that is scattered.
     pub albedo: [f32; 3],
-    /// What the colors of a transfer function are.
+    /// Meaning of the colors of a transfer function.
     pub tf_color: Option<TransferColor>,
     /// Mean cosine of the angle by which scattered light turns.
     pub anisotropy: Option<f64>,

@@ -64,7 +64,7 @@ pub(super) fn generic<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
     }
 }
 
-/// What kernels of several volumes must serve.
+/// Media that kernels of several volumes must serve.
 enum Generality {
     /// Media of one albedo each.
     Plain,

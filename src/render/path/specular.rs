@@ -29,7 +29,7 @@ pub(super) struct Lobe {
     roughness: f64,
     /// Directional albedos.
     albedos: [f32; PIECES + 1],
-    /// Their mean, weighted by the cosine.
+    /// Mean of the directional albedos, weighted by the cosine.
     mean: f64,
 }
 
@@ -98,9 +98,9 @@ impl Lobe {
         square * FRAC_1_PI / (root * root)
     }
 
-    /// Returns `√(α² + (1 - α²) µ²)`.
+    /// Returns `√(α² + (1 - α²) µ²)`, of which Smith's masking of GGX is made.
     #[inline(always)]
-    fn spread(&self, cosine: f64) -> f64 {
+    fn smith_root(&self, cosine: f64) -> f64 {
         let square = self.roughness * self.roughness;
         (square + (1.0 - square) * cosine * cosine).sqrt()
     }
@@ -109,7 +109,7 @@ impl Lobe {
     /// of the normal.
     #[inline(always)]
     fn density(&self, cosine: f64, normal: f64) -> f64 {
-        self.distribution(normal) / (2.0 * (cosine + self.spread(cosine)))
+        self.distribution(normal) / (2.0 * (cosine + self.smith_root(cosine)))
     }
 
     /// Returns the lobe times the cosine of reflection, by the cosines of incidence and reflection, of the normal, and
@@ -117,7 +117,7 @@ impl Lobe {
     #[inline(always)]
     fn value(&self, [incident, reflected]: [f64; 2], normal: f64, on_normal: f64) -> f64 {
         let fresnel = self.reflectance + (1.0 - self.reflectance) * (1.0 - on_normal).max(0.0).powi(5);
-        let visible = 0.5 / (reflected * self.spread(incident) + incident * self.spread(reflected));
+        let visible = 0.5 / (reflected * self.smith_root(incident) + incident * self.smith_root(reflected));
         fresnel * self.distribution(normal) * visible * reflected
     }
 }
@@ -154,9 +154,9 @@ pub(super) struct Glossed {
 
 /// Densities per steradian of what scatters in a direction.
 struct Parts {
-    /// By the phase function and the diffuse lobe, of which the albedo is left.
+    /// Density of the phase function and the diffuse lobe, of which the albedo is left.
     matt: f64,
-    /// By the specular lobe.
+    /// Density of the specular lobe.
     specular: f64,
     /// Density with which the direction is drawn.
     drawn: f64,
@@ -351,7 +351,7 @@ mod tests {
         }
     }
 
-    /// What goes one way goes the other way, over the cosines; all of it is below the bound.
+    /// Light goes both ways alike, over the cosines; all of it is below the bound.
     #[test]
     fn surfaces_are_reciprocal_and_bounded() {
         let towards: Vec<DVec3> =

@@ -37,7 +37,7 @@ pub(crate) fn is_dicom(start: &[u8]) -> bool {
     start.get(128..132) == Some(b"DICM")
 }
 
-/// What the files of a series say of their values.
+/// Returns the statements of the files of a series on their values.
 fn about(files: &[file::File], planes: &[placement::Plane]) -> About {
     let scale = |plane: &placement::Plane| files[plane.file].frame(plane.frame).rescale;
     let first = planes.first().map(scale).filter(|first| planes.iter().all(|plane| scale(plane) == *first));
