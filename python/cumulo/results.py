@@ -414,15 +414,24 @@ class Accuracy(Report):
     """Share of the picture, as far as it is not empty, that is much as it was: it has no noise, or the frames around do
     not show it."""
     error: float | None
+    error_by_scale: float | None = None
+    """Error over the scale of the radiance: the mean of the square roots of radiance, weighted by itself, and squared.
+    Halves tell it."""
+    error_by_scale_high: float | None = None
+    """Upper end of its 95 % interval."""
     error_high: float | None
     """Upper end of the 95 % interval of the error, as far as the estimate errs by chance."""
     frames: int
-    """Number of frames that it is estimated from: those that have frames on both sides."""
+    """Number of frames that it is estimated from: those that have halves, or frames on both sides."""
     gain_db: float | None
     """Decibels by which the error is below the noise."""
     noise: float | None
+    noise_by_scale: float | None = None
+    """Noise that came in over the scale."""
     relative_error: float | None
     """Error over the root mean square of the denoised colors."""
+    told_by: str
+    """What tells it."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -1008,6 +1017,8 @@ class Gradient(Report):
 class Transfer(Report):
     """A transfer function that was read."""
 
+    albedo: dict[str, Any] | None
+    """Albedo that the function states beside its colors."""
     empty_at_zero: bool
     """True if density 0 absorbs nothing, so that empty space can be skipped."""
     entries: int

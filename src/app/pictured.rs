@@ -5,6 +5,7 @@ use crate::app::outputs::Content;
 use crate::error::{Error, Result};
 use crate::formats::exr::{self, Attributes};
 use crate::formats::png;
+use crate::scene::aim;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
@@ -149,15 +150,10 @@ pub(crate) fn describe_background(stated: Option<[f32; 3]>, scene: &Scene, attri
     }
 }
 
-/// Returns the middle of a scene's volumes.
+/// Returns the middle of all that may be seen of a scene's volumes.
 pub(crate) fn middle(scene: &Scene) -> Option<DVec3> {
-    let bounds = |volume: &Volume| match volume {
-        Volume::Density(field, _) | Volume::Emissive { density: field, .. } => field.world_bounds(),
-        Volume::PreShaded(volume) => volume.world_bounds(),
-    };
-    let whole = scene.volumes.iter().map(bounds).filter(|bounds| !bounds.is_empty());
-    let (low, high) = whole.map(|b| (b.min, b.max)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
-    Some(0.5 * (low + high)).filter(|middle| middle.is_finite())
+    let points: Vec<DVec3> = scene.volumes.iter().flat_map(Volume::outline).collect();
+    (!points.is_empty()).then(|| aim::middle(&points)).filter(|middle| middle.is_finite())
 }
 
 /// Statements of a picture.

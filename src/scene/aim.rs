@@ -1,7 +1,7 @@
 //! Cameras by the name of a side, by angles, or by the positions of the eye and of what it looks at.
 
 use super::camera::{Camera, Projection};
-use super::orbit::{aimed, ball};
+use super::orbit::aimed;
 use super::up::Up;
 use glam::{DMat3, DMat4, DVec2, DVec3};
 
@@ -127,7 +127,8 @@ pub struct View {
 /// Places cameras that look at `points`. They share one focal length: of parallel rays, and where no distance or eye is
 /// stated, the largest that keeps every point in every picture.
 pub fn cameras(points: &[DVec3], stands: &[Stand], view: View) -> Vec<Camera> {
-    let (middle, radius) = ball(points);
+    let middle = middle(points);
+    let radius = points.iter().map(|point| point.distance(middle)).fold(0.0, f64::max);
     let half = (0.5 * view.field_of_view).to_radians();
     let size = view.size.map(f64::from);
     let size = DVec2::new(size[0], size[1]);
@@ -168,6 +169,13 @@ pub fn cameras(points: &[DVec3], stands: &[Stand], view: View) -> Vec<Camera> {
         near: 0.0,
     };
     motions.into_iter().zip(stands).map(camera).collect()
+}
+
+/// Returns the middle of the box of points in the world, which cameras look at; the origin without any.
+pub fn middle(points: &[DVec3]) -> DVec3 {
+    let ends = [f64::INFINITY, f64::NEG_INFINITY].map(DVec3::splat);
+    let [low, high] = points.iter().fold(ends, |[low, high], point| [low.min(*point), high.max(*point)]);
+    if points.is_empty() { DVec3::ZERO } else { 0.5 * (low + high) }
 }
 
 /// Returns a camera moved sideways until the points' extent along its rows and columns is centred on its axis.

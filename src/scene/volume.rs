@@ -1,11 +1,13 @@
 //! Volumes: grids by their role, and the medium that they describe.
 
 use crate::error::{Error, Result};
+use crate::math::Aabb;
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::Capture;
 use crate::scene::emission::Emitted;
-use crate::scene::medium::Medium;
-use glam::Vec4;
+use crate::scene::medium::{Medium, Source};
+use crate::scene::table::Table;
+use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
@@ -72,6 +74,15 @@ impl Volume {
         }
     }
 
+    /// Returns world points around all that may be seen of the volume.
+    pub fn outline(&self) -> Vec<DVec3> {
+        match self {
+            Self::Density(field, Medium { source: Source::Transfer(table), .. }) => outline_through(field, table),
+            Self::Density(field, _) | Self::Emissive { density: field, .. } => field.outline(),
+            Self::PreShaded(volume) => volume.channel(3).outline(),
+        }
+    }
+
     /// Returns the volume without a grid that emits beside its medium.
     #[must_use]
     pub(crate) fn without_emission(self) -> Self {
@@ -88,6 +99,17 @@ impl Volume {
             Self::Density(..) | Self::PreShaded(_) => None,
         }
     }
+}
+
+/// Returns world points around all that a transfer function shows of a density.
+pub fn outline_through(field: &Bricks<f32>, table: &Table) -> Vec<DVec3> {
+    let shown = field.outline_of(|value| table.at(field.reference + f64::from(value))[3] > 0.0);
+    // What a function shows between two voxels alone lies among them all.
+    let points = if shown.is_empty() { field.outline() } else { shown };
+    // Bricks of the background, which the function may show, reach beyond the volume's end.
+    let Aabb { min, max } = field.domain;
+    let within = |point: DVec3| field.transform.to_world(field.transform.to_index(point).clamp(min, max));
+    if field.domain.is_empty() { points } else { points.into_iter().map(within).collect() }
 }
 
 /// Multiplies emissions and extinctions.

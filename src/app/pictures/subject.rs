@@ -15,9 +15,8 @@ use crate::scene::emission::{self, Emission, Emitted};
 use crate::scene::grid::Grid;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::scene::Scene;
-use crate::scene::table::Table;
 use crate::scene::transfer::Transfer;
-use crate::scene::volume::{Grids, Volume};
+use crate::scene::volume::{Grids, Volume, outline_through};
 use glam::{DMat4, DVec3};
 use std::path::{Path, PathBuf};
 
@@ -47,25 +46,15 @@ pub(in crate::app) enum Subject {
 impl Subject {
     /// Returns world points around all that may be seen; `transfer` is the function by which the grids are.
     pub(crate) fn outline(&self, transfer: Option<&Transfer>) -> Vec<DVec3> {
-        let by_function = |field: &Bricks<f32>, table: &Table| {
-            let shown = field.outline_of(|value| table.at(field.reference + f64::from(value))[3] > 0.0);
-            // What a function shows between two voxels alone lies among them all.
-            if shown.is_empty() { field.outline() } else { shown }
-        };
-        let outline = |volume: &Volume| match volume {
-            Volume::Density(field, Medium { source: Source::Transfer(table), .. }) => by_function(field, table),
-            Volume::Density(field, _) | Volume::Emissive { density: field, .. } => field.outline(),
-            Volume::PreShaded(volume) => volume.channel(3).outline(),
-        };
         match self {
             Self::Grids { grids, .. } => {
                 let field = grids.density_or_extinction();
                 match transfer.and_then(|transfer| transfer.table().ok()) {
-                    Some(table) => by_function(&field, &table),
+                    Some(table) => outline_through(&field, &table),
                     None => field.outline(),
                 }
             }
-            Self::Scene { scene, .. } => scene.volumes.iter().flat_map(outline).collect(),
+            Self::Scene { scene, .. } => scene.volumes.iter().flat_map(Volume::outline).collect(),
         }
     }
 

@@ -15,6 +15,7 @@ use crate::render::renderer::Renderer;
 use crate::scene::camera::Camera;
 use crate::scene::film::Film;
 use crate::scene::scene::Scene;
+use glam::DVec3;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -62,6 +63,8 @@ pub(super) struct Pictured<'p> {
     pub camera: &'p Camera,
     /// Subject of the picture.
     pub scene: &'p Scene,
+    /// Position that the camera looks at, where there is anything.
+    pub focus: Option<DVec3>,
 }
 
 impl Pictured<'_> {
@@ -81,7 +84,7 @@ impl Pictured<'_> {
 
     /// Returns the camera of the picture; that of the whole picture, of which it may be a part in a file of its own.
     fn pictured_camera(&self, whole: Option<[usize; 2]>) -> PictureCamera {
-        let camera = PictureCamera::new(self.camera, self.pictures.focus(self.scene));
+        let camera = PictureCamera::new(self.camera, self.focus);
         match (whole, self.pictures.crop) {
             (Some(size), Some(part)) => camera.within(size, part.origin),
             _ => camera,

@@ -365,7 +365,8 @@ impl Sequence<'_> {
         }
         let (scene, plan) = self.render.planned(&pictures, scene, paths, context)?;
         plan.iter().for_each(|plan| context.detail(Chosen(plan)));
-        Ok(Shot { capture, scales, scene, colors, plan, provenance, paths, moving })
+        let focus = self.pictures.focus(&scene);
+        Ok(Shot { capture, scales, scene, focus, colors, plan, provenance, paths, moving })
     }
 
     pub(super) fn camera(&self, place: usize) -> Camera {
@@ -397,6 +398,7 @@ impl Sequence<'_> {
             number: number as usize,
             camera,
             scene: &shot.scene,
+            focus: shot.focus,
         };
         let earlier = pictured.begun(self.render, path);
         let view = (number as usize, view, turn);

@@ -15,6 +15,7 @@ use crate::plan::Plan;
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
 use crate::scene::scene::Scene;
+use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
@@ -26,6 +27,8 @@ pub(super) struct Shot {
     pub capture: Capture,
     pub scales: DensityScales,
     pub scene: Scene,
+    /// Position that cameras look at, where there is anything.
+    pub focus: Option<DVec3>,
     /// Meaning of the colors of the transfer function.
     pub colors: Option<Colors>,
     pub plan: Option<Plan>,

@@ -348,9 +348,10 @@ impl Views<'_> {
     ) -> Result<(Counts, Vec<PictureError>, Option<f64>)> {
         let Self { settings, numbers, whole, provenance, capture, cancel, .. } = self;
         let bar = context.pictures(numbers.len() as u64, "render");
+        let focus = settings.pictures.focus(scene);
         let view = |place: usize, turn: Turn| {
             let (progress, camera, number) = (bar.picture(), &scene.cameras[place], numbers[place]);
-            let pictured = Pictured { provenance, pictures: &settings.pictures, number, camera, scene };
+            let pictured = Pictured { provenance, pictures: &settings.pictures, number, camera, scene, focus };
             let earlier = pictured.begun(settings, &capture.frames[place].picture);
             let view = (number, camera.into(), turn);
             let (rendered, error) = settings.picture(renderer, view, earlier, (cancel, &progress), context)?;

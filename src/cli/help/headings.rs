@@ -10,10 +10,27 @@ const ACCURACY: &str = "Accuracy and cost";
 const SOLVER: &str = "Solver";
 const TRANSFER: &str = "Transfer function";
 const COMPARISON: &str = "Comparison";
+const FIGURE: &str = "Figure";
 const GENERAL: &str = "General";
 
 /// Options under each heading, by their identifiers.
-const TABLE: [(&str, &[&str]); 11] = [
+const TABLE: [(&str, &[&str]); 12] = [
+    (
+        FIGURE,
+        &[
+            "title",
+            "label",
+            "columns",
+            "width",
+            "font_size",
+            "legend",
+            "legend_label",
+            "unit",
+            "scale_bar",
+            "length_unit",
+            "orientation",
+        ],
+    ),
     (
         OUTPUT,
         &[
@@ -72,6 +89,11 @@ const TABLE: [(&str, &[&str]); 11] = [
             "albedo",
             "anisotropy",
             "gradient_shading",
+            "gradient_scale",
+            "specular",
+            "roughness",
+            "tf_color",
+            "shade",
             "extinction_color",
             "sun",
             "sun_color",
@@ -129,6 +151,8 @@ const TABLE: [(&str, &[&str]); 11] = [
             "quadrature",
             "early_stop",
             "supersample",
+            "denoise",
+            "halves",
             "target_error",
             "time_limit",
             "replicates",
