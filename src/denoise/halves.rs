@@ -208,8 +208,8 @@ mod tests {
                 let wanted = error(&mean(&da, &db));
                 let found = HalvesEstimate::of(Halves { size: SIZE, noisy: [&a, &b], denoised: [&da, &db] }).unwrap();
                 let decibels = 20.0 * (found.error() / wanted).log10();
-                assert!(decibels.abs() < 0.1, "{kind} {name}: {} {wanted}", found.error());
-                assert!(found.error_high() > wanted && found.error_high() < 1.1 * wanted, "{kind} {name}");
+                assert!(decibels.abs() < 0.2, "{kind} {name}: {} {wanted}", found.error());
+                assert!(found.error_high() > wanted && found.error_high() < 1.15 * wanted, "{kind} {name}");
                 assert!((found.noise() / error(&frame) - 1.0).abs() < 0.01, "{kind} {name}");
                 let mut both = found.clone();
                 both.add(found.clone());

@@ -512,7 +512,7 @@ fn surfaces_are_shaded_by_a_light_at_the_camera() {
     assert!((0..4).all(|c| apart(&plain, &flat, c) < 0.01), "{report}");
     assert_eq!((&report["quadrature"], &report["quadrature_error_bound"]), (&"midpoint:0.05".into(), &Value::Null));
     let (_, lit) = picture("--shade", "lit.exr");
-    assert!(apart(&plain, &lit, 3) < 0.02 && apart(&plain, &lit, 0) > 0.2);
+    assert!(apart(&plain, &lit, 3) < 0.1 && apart(&plain, &lit, 0) > 0.2);
     // Surfaces that turn away are darker, and none is brighter than color and highlight together.
     let most = lit.iter().map(|v| v[0]).fold(0.0, f32::max);
     assert!(most > 0.8 && most <= 0.9 + 0.16, "{most}");

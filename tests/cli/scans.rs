@@ -260,7 +260,7 @@ fn a_scan_that_needs_more_memory_than_allowed_is_refused() {
     }
     // Statistics need a slice alone.
     assert_eq!(
-        work.json("info a.npy --max-memory 64M")["files"][0]["images"][0]["statistics"]["count"],
+        work.json("info a.npy --max-memory 128M")["files"][0]["images"][0]["statistics"]["count"],
         json!(27_000_000)
     );
 }

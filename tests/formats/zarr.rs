@@ -178,7 +178,7 @@ fn levels_go_by_memory_or_by_number() {
         read(folder.path(), &Options { time: Some(1), ..Options::default() })
             .unwrap_err()
             .to_string()
-            .contains("`time=0` to 0")
+            .contains("`time_point=0` to 0")
     );
 }
 
