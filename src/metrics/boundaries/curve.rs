@@ -26,8 +26,6 @@ pub(super) struct Curve {
     pub values: Vec<f64>,
     /// Mean magnitude of the gradient.
     pub gradients: Vec<f64>,
-    /// Mean second derivative along the gradient.
-    pub seconds: Vec<f64>,
     /// Standard error of the mean gradient.
     errors: Vec<f64>,
     /// Mean gradient at the median voxel: of noise, where most voxels lie inside materials.
@@ -50,8 +48,6 @@ struct Sums {
     value: f64,
     gradient: f64,
     square: f64,
-    known: f64,
-    second: f64,
 }
 
 impl Curve {
@@ -59,17 +55,13 @@ impl Curve {
     pub(super) fn of(samples: &[Sample], [low, high]: [f64; 2]) -> Self {
         let width = (high - low) / BINS as f64;
         let mut sums = [Sums::default(); BINS];
-        for Sample { value, gradient, second } in samples.iter().filter(|s| s.value >= low && s.value <= high) {
+        for Sample { value, gradient } in samples.iter().filter(|s| s.value >= low && s.value <= high) {
             let sums = &mut sums[(((value - low) / width) as usize).min(BINS - 1)];
             let gradient = f64::from(*gradient);
             sums.count += 1.0;
             sums.value += value;
             sums.gradient += gradient;
             sums.square += gradient * gradient;
-            if second.is_finite() {
-                sums.known += 1.0;
-                sums.second += f64::from(*second);
-            }
         }
         let means: Vec<Sums> = (0..BINS).map(|bin| smoothed(&sums, bin)).collect();
         let mean = |s: &Sums| s.gradient / s.count;
@@ -80,7 +72,6 @@ impl Curve {
             low,
             width,
             values: sums.iter().map(|s| s.value / s.count).collect(),
-            seconds: means.iter().map(|s| if s.known > 0.0 { s.second / s.known } else { 0.0 }).collect(),
             errors: means.iter().map(error).collect(),
             floor: weighted_median(&gradients, &counts),
             gradients,
@@ -98,6 +89,12 @@ impl Curve {
         let [low, high] = [low, high].map(|value| (value - self.low) / self.width);
         let share = |bin: usize| (high.min(bin as f64 + 1.0) - low.max(bin as f64)).max(0.0);
         self.counts.iter().enumerate().map(|(bin, count)| count * share(bin)).sum()
+    }
+
+    /// Returns the world length of a path straight through a boundary, between two places in bins.
+    pub(super) fn length(&self, low: f64, high: f64) -> f64 {
+        let share = |bin: usize| (high.min(bin as f64 + 1.0) - low.max(bin as f64)).max(0.0);
+        self.gradients.iter().enumerate().map(|(bin, gradient)| share(bin) * self.width / gradient).sum()
     }
 
     /// Returns the maxima that stand out of noise and of their neighbourhood, in ascending order of value.
@@ -159,8 +156,6 @@ fn smoothed(sums: &[Sums; BINS], bin: usize) -> Sums {
             all.count += weight * s.count;
             all.gradient += weight * s.gradient;
             all.square += weight * s.square;
-            all.known += weight * s.known;
-            all.second += weight * s.second;
         }
         if all.count >= LEAST || deviation > BINS as f64 {
             return all;

@@ -2,8 +2,9 @@
 //!
 //! Kindlmann and Durkin (Semi-automatic generation of transfer functions for direct volume rendering, 1998): where two
 //! materials meet, a volume passes from the value of one to that of the other, and its gradient is largest halfway. The
-//! mean gradient of all voxels of one value therefore has a maximum at each boundary, and the second derivative along
-//! the gradient, with it, tells how thick the boundary is. Noise raises the gradients at all values alike.
+//! mean gradient of all voxels of one value therefore has a maximum at each boundary, and its width tells how thick the
+//! boundary is. Noise raises the gradients at all values alike; of the second derivatives along the gradient, which the
+//! method takes besides, it shifts the means, since they depend on the voxel's own value, so they are left out.
 
 mod curve;
 mod functions;
@@ -29,6 +30,9 @@ pub const MOST_BOUNDARIES: usize = 4;
 const DEVIATIONS: f64 = 3.0;
 /// Standard deviation of a normal distribution whose median absolute deviation is 1.
 const NORMAL: f64 = 1.4826;
+
+/// Two standard deviations of a normal distribution over the width at half of its height.
+const DEVIATIONS_OF_HALF: f64 = 0.849_322;
 
 /// A boundary between two materials.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, schemars::JsonSchema)]
@@ -145,10 +149,7 @@ fn boundaries(curve: &Curve, [background, spread]: [f64; 2], (voxels, edge): (us
         let half_width = (0.5 * (high - low)).max(1.0) * curve.width;
         let value = curve.value(middle);
         let gradient = curve.gradients[maximum.bin];
-        let bins = [2.0 * low - middle, 2.0 * high - middle].map(|bin| bin.clamp(0.0, BINS as f64 - 1.0) as usize);
-        let bend = curve.seconds[bins[0]..=bins[1]].iter().fold(0.0_f64, |most, second| most.max(second.abs()));
-        let usual = 2.0 * gradient / (1_f64.exp().sqrt() * bend);
-        let thickness = if usual.is_finite() { usual } else { 2.0 * half_width / gradient };
+        let thickness = DEVIATIONS_OF_HALF * curve.length(low, high);
         let share = curve.count(value - half_width, value + half_width) / voxels as f64;
         Boundary { value, half_width, thickness: thickness / edge, gradient, share }
     };

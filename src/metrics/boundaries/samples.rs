@@ -1,4 +1,4 @@
-//! Voxels of a volume with the derivatives of their values.
+//! Voxels of a volume with the gradients of their values.
 
 use crate::math::Aabb;
 use crate::scene::bricks::{BRICK, Bricks, CELLS, NONE, slot};
@@ -16,8 +16,6 @@ pub(super) struct Sample {
     pub value: f64,
     /// Magnitude of the gradient, per world unit.
     pub gradient: f32,
-    /// Second derivative along the gradient, per world unit squared; NaN where it is unknown.
-    pub second: f32,
 }
 
 /// A field whose voxels are looked up by their indices.
@@ -98,20 +96,7 @@ impl<'a> Voxels<'a> {
             if length == 0 { 0.0 } else { (self.value(high) - self.value(low)) / f64::from(length) }
         };
         let gradient = self.to_world * DVec3::new(slope(0), slope(1), slope(2));
-        let second = gradient.try_normalize().map_or(f64::NAN, |direction| self.second(at, value, direction));
-        Sample { value, gradient: gradient.length() as f32, second: second as f32 }
-    }
-
-    /// Second difference along a direction in the world, with steps of a voxel's edge.
-    fn second(&self, at: IVec3, value: f64, direction: DVec3) -> f64 {
-        let step = self.field.transform.vector_to_index(self.edge * direction);
-        let [before, after] = [at.as_dvec3() - step, at.as_dvec3() + step];
-        let inside = |p: DVec3| p.cmpge(self.first.as_dvec3()).all() && p.cmple(self.last.as_dvec3()).all();
-        if !(inside(before) && inside(after)) {
-            return f64::NAN;
-        }
-        let [before, after] = [before, after].map(|p| self.field.reference + f64::from(self.field.sample(p)));
-        (before - 2.0 * value + after) / (self.edge * self.edge)
+        Sample { value, gradient: gradient.length() as f32 }
     }
 
     /// Returns the values on the faces of the box.
