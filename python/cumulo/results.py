@@ -1100,6 +1100,8 @@ class Suggestion(Report):
     """Number of the candidate that was chosen, from 1."""
     candidates: list[SuggestedFunction]
     """Functions that suit the volume."""
+    cells: int
+    """Number of cells between voxels, in whose middles values and gradients were taken."""
     grid: str
     """Name of the grid."""
     materials: list[Material]
@@ -1112,8 +1114,6 @@ class Suggestion(Report):
     """Sheet of all candidates that was written."""
     suggest: pathlib.Path
     """Volume that was looked at."""
-    voxels: int
-    """Number of voxels that were looked at."""
     warnings: list[Caution]
     """Remarks on the function that was chosen."""
 

@@ -80,7 +80,7 @@ pub(super) fn run(settings: &FunctionSettings, path: &Path, context: &Context) -
         candidate: chosen + 1,
         range: analysis.range,
         background: analysis.background,
-        voxels: analysis.voxels,
+        cells: analysis.cells,
         boundaries: analysis.boundaries.iter().enumerate().map(NumberedBoundary::of).collect(),
         candidates: candidate_reports(candidates, &pictures)?,
         materials: analysis.materials,

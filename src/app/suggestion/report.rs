@@ -31,8 +31,8 @@ pub struct Suggested {
     pub(super) range: [f64; 2],
     /// Value of most of the border of the volume's box; no function absorbs there.
     pub(super) background: f64,
-    /// Number of voxels that were looked at.
-    pub(super) voxels: usize,
+    /// Number of cells between voxels, in whose middles values and gradients were taken.
+    pub(super) cells: usize,
     /// Boundaries between materials, in ascending order of value.
     pub(super) boundaries: Vec<NumberedBoundary>,
     /// Materials between the boundaries, in ascending order of value.
@@ -92,7 +92,7 @@ impl fmt::Display for Suggested {
         let count = self.boundaries.len();
         let boundaries = if count == 1 { "boundary" } else { "boundaries" };
         write!(f, "{}: grid '{}', ", printable(&self.suggest.to_string_lossy()), printable(&self.grid))?;
-        writeln!(f, "{count} {boundaries} in {} voxels of {low} to {high}", self.voxels)?;
+        writeln!(f, "{count} {boundaries} in {} cells of {low} to {high}", self.cells)?;
         writeln!(f, "  background {}", short(self.background))?;
         for NumberedBoundary { number, boundary: Boundary { value, half_width, thickness, share, .. } } in
             &self.boundaries

@@ -94,7 +94,8 @@ impl Curve {
     /// Returns the world length of a path straight through a boundary, between two places in bins.
     pub(super) fn length(&self, low: f64, high: f64) -> f64 {
         let share = |bin: usize| (high.min(bin as f64 + 1.0) - low.max(bin as f64)).max(0.0);
-        self.gradients.iter().enumerate().map(|(bin, gradient)| share(bin) * self.width / gradient).sum()
+        let passed = self.gradients.iter().enumerate().map(|(bin, gradient)| (share(bin), gradient));
+        passed.filter(|(share, _)| *share > 0.0).map(|(share, gradient)| share * self.width / gradient).sum()
     }
 
     /// Returns the maxima that stand out of noise and of their neighbourhood, in ascending order of value.
@@ -112,11 +113,13 @@ impl Curve {
 
     fn prominence(&self, bin: usize) -> f64 {
         let g = &self.gradients;
-        let lower = |i: &usize| g[*i] <= g[bin];
-        let least = |side: &mut dyn Iterator<Item = usize>| {
-            side.take_while(|i| lower(i)).map(|i| g[i]).fold(f64::INFINITY, f64::min)
+        // Of maxima alike, as data of few values have them, the first one counts.
+        let tie = 1e-9 * g[bin];
+        let least = |side: &mut dyn Iterator<Item = usize>, most: f64| {
+            side.take_while(|i| g[*i] < most).map(|i| g[i]).fold(f64::INFINITY, f64::min)
         };
-        g[bin] - least(&mut (0..bin).rev()).max(least(&mut (bin + 1..BINS)))
+        let below = least(&mut (0..bin).rev(), g[bin] - tie);
+        g[bin] - below.min(g[bin]).max(least(&mut (bin + 1..BINS), g[bin] + tie))
     }
 
     /// Returns the places at which the gradient falls to half of a maximum above the floor, and whether it does before

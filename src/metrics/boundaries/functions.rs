@@ -125,7 +125,7 @@ impl Analysis {
         let width = (self.range[1] - self.range[0]) / self.histogram.len() as f64;
         let centre = |bin: usize| self.range[0] + (bin as f64 + 0.5) * width;
         let sum: f64 = self.histogram.iter().enumerate().map(|(bin, count)| *count as f64 * shape(centre(bin))).sum();
-        let mean = self.filled * sum / self.voxels as f64;
+        let mean = self.filled * sum / self.cells as f64;
         let peak = DEPTH / (mean * self.edge);
         if peak.is_finite() { peak } else { 1.0 / self.edge }
     }

@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use samples::{Sample, Voxels};
 use serde::Serialize;
 
-/// Shares of the voxels whose values lie below and above the range that is looked at.
+/// Shares of the cells whose values lie below and above the range that is looked at.
 const BEYOND: f64 = 0.001;
 /// Most boundaries that are told of.
 pub const MOST_BOUNDARIES: usize = 4;
@@ -67,14 +67,14 @@ pub struct Analysis {
     pub background: f64,
     /// Distance from the background within which values are taken for it.
     pub spread: f64,
-    /// Numbers of voxels in 256 bins of equal width over the range.
+    /// Numbers of cells in 256 bins of equal width over the range.
     pub histogram: Vec<u64>,
     /// Boundaries, four at most, in ascending order of value.
     pub boundaries: Vec<Boundary>,
     /// Materials between the boundaries, in ascending order of value.
     pub materials: Vec<Material>,
-    /// Number of voxels that were looked at.
-    pub voxels: usize,
+    /// Number of cells between voxels, in whose middles values and gradients were taken.
+    pub cells: usize,
     /// World length of an edge of a cube of the volume's size.
     edge: f64,
     /// Share of the volume's box in which voxels are.
@@ -82,7 +82,8 @@ pub struct Analysis {
 }
 
 impl Analysis {
-    /// Looks at the voxels of a field inside its domain: at two million of them at most, on a regular lattice.
+    /// Looks at the cells between voxels of a field inside its domain: at two million of them at most, on a regular
+    /// lattice.
     ///
     /// # Errors
     /// If there are no voxels, or all of them have one value.
@@ -112,7 +113,7 @@ impl Analysis {
             histogram: curve.counts.iter().map(|count| *count as u64).collect(),
             materials: materials(&curve, &boundaries, range),
             boundaries,
-            voxels: samples.len(),
+            cells: samples.len(),
             edge: voxels.box_edge(),
             filled: voxels.filled(),
         })
@@ -135,7 +136,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 /// Returns the most prominent boundaries outside of the background, in ascending order of value.
-fn boundaries(curve: &Curve, [background, spread]: [f64; 2], (voxels, edge): (usize, f64)) -> Vec<Boundary> {
+fn boundaries(curve: &Curve, [background, spread]: [f64; 2], (cells, edge): (usize, f64)) -> Vec<Boundary> {
     let mut maxima = curve.maxima();
     maxima.sort_by(|a, b| b.prominence.total_cmp(&a.prominence).then(a.bin.cmp(&b.bin)));
     let outside = |m: &Maximum| (curve.value(m.bin as f64 + 0.5) - background).abs() > spread;
@@ -150,7 +151,7 @@ fn boundaries(curve: &Curve, [background, spread]: [f64; 2], (voxels, edge): (us
         let value = curve.value(middle);
         let gradient = curve.gradients[maximum.bin];
         let thickness = DEVIATIONS_OF_HALF * curve.length(low, high);
-        let share = curve.count(value - half_width, value + half_width) / voxels as f64;
+        let share = curve.count(value - half_width, value + half_width) / cells as f64;
         Boundary { value, half_width, thickness: thickness / edge, gradient, share }
     };
     kept.iter().enumerate().map(of).collect()

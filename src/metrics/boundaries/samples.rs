@@ -1,18 +1,22 @@
-//! Voxels of a volume with the gradients of their values.
+//! Cells between the voxels of a volume: the values in their middle, and the gradients there.
+//!
+//! They are those of the interpolated volume, as rays see it: between voxels on either side of a step there is a value
+//! halfway.
 
 use crate::math::Aabb;
 use crate::scene::bricks::{BRICK, Bricks, CELLS, NONE, slot};
 use glam::{DMat3, DVec3, IVec3};
 use rayon::prelude::*;
 
-/// Most voxels that are looked at; of more a regular lattice is.
+/// Most cells that are looked at; of more a regular lattice is.
 const MOST: usize = 2_000_000;
 /// Most points along each edge of a face of the volume's box.
 const FACE: i32 = 64;
 
-/// A voxel.
+/// A cell between eight voxels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
+    /// Value in the middle.
     pub value: f64,
     /// Magnitude of the gradient, per world unit.
     pub gradient: f32,
@@ -64,20 +68,18 @@ impl<'a> Voxels<'a> {
         self.field.reference + f64::from(stored)
     }
 
-    /// Returns the voxels inside the box, or at most two million of them on a regular lattice, in the order of their
-    /// bricks. Those on its faces are left out: what is beyond them is unknown. Of bricks that lie in several places one
-    /// place counts.
+    /// Returns the cells inside the box, or at most two million of them on a regular lattice, in the order of their bricks.
+    /// Of bricks that lie in several places one place counts.
     pub(super) fn samples(&self) -> Vec<Sample> {
         let bricks = self.field.topology.bricks();
         let fits = |stride: &usize| bricks.len() * CELLS.pow(3) / stride.pow(3) <= MOST;
         let stride = (1..).find(fits).unwrap_or(1) as i32;
-        // An axis of one or two voxels has nothing inside.
-        let margin = IVec3::select((self.last - self.first).cmpge(IVec3::splat(2)), IVec3::ONE, IVec3::ZERO);
-        let (first, last) = (self.first + margin, self.last - margin);
+        // An axis of one voxel has one cell.
+        let last = (self.last - 1).max(self.first);
         let of_brick = |brick: &IVec3| {
             let origin = 8 * *brick;
             let along = |axis: usize| {
-                (origin[axis].max(first[axis])..=(origin[axis] + 7).min(last[axis]))
+                (origin[axis].max(self.first[axis])..=(origin[axis] + 7).min(last[axis]))
                     .filter(move |c| c.rem_euclid(stride) == 0)
             };
             let columns = along(0).flat_map(|x| along(1).map(move |y| (x, y)));
@@ -87,16 +89,16 @@ impl<'a> Voxels<'a> {
         bricks.par_iter().map(of_brick).collect::<Vec<_>>().concat()
     }
 
+    /// The cell whose lowest voxel is given.
     fn sample(&self, at: IVec3) -> Sample {
-        let value = self.value(at);
-        let slope = |axis: usize| {
-            let step = IVec3::AXES[axis];
-            let (low, high) = ((at - step).max(self.first), (at + step).min(self.last));
-            let length = (high - low)[axis];
-            if length == 0 { 0.0 } else { (self.value(high) - self.value(low)) / f64::from(length) }
-        };
-        let gradient = self.to_world * DVec3::new(slope(0), slope(1), slope(2));
-        Sample { value, gradient: gradient.length() as f32 }
+        let (mut value, mut slopes) = (0.0, DVec3::ZERO);
+        for corner in 0..8 {
+            let high = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
+            let own = self.value((at + high).min(self.last));
+            value += 0.125 * own;
+            slopes += 0.25 * own * (2 * high - 1).as_dvec3();
+        }
+        Sample { value, gradient: (self.to_world * slopes).length() as f32 }
     }
 
     /// Returns the values on the faces of the box.

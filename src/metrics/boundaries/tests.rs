@@ -90,6 +90,17 @@ fn shells_are_found_in_any_unit_and_in_noise() {
     );
 }
 
+/// Labels and phantoms have no values between their materials, but rays see those that are interpolated.
+#[test]
+fn steps_between_voxels_are_boundaries() {
+    let step = |r: f64, radius: f64| f64::from(u8::from(r < radius));
+    let ball = Analysis::of(&field(1.0, |r| step(r, 14.0), 0.0)).unwrap();
+    assert_near(&ball, &[0.5], 0.05);
+    assert!((0.3..1.5).contains(&ball.boundaries[0].thickness), "{:?}", ball.boundaries);
+    let phantom = |r| -1000.0 + 1035.0 * step(r, 20.0) + 1065.0 * step(r, 10.0);
+    assert_near(&Analysis::of(&field(1.0, phantom, 0.0)).unwrap(), &[-482.5, 567.5], 100.0);
+}
+
 #[test]
 fn functions_are_clear_at_the_background_and_have_the_depth_they_state() {
     for (materials, noise) in [([0.0, 0.4, 1.0], 0.0), ([-1000.0, 40.0, 700.0], 20.0), ([1.0, 0.4, -2.0], 0.02)] {
