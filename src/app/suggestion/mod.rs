@@ -49,7 +49,7 @@ pub(super) fn run(settings: &FunctionSettings, path: &Path, context: &Context) -
     let side = if settings.sheet.is_some() { SIDE } else { SMALL };
     let pictures = {
         let stage = context.steps(candidates.len() as u64, "draw");
-        let mut subject = Subject::of(field, &candidates, (side, up)).map_err(named)?;
+        let mut subject = Subject::of(field, &candidates, (side, up), settings.limits).map_err(named)?;
         let picture = |candidate: &Candidate| {
             let picture = subject.picture(&candidate.transfer, &context.cancel())?;
             stage.inc(1);

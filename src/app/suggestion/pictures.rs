@@ -4,6 +4,7 @@ use crate::app::checks::Warning;
 use crate::app::view::camera;
 use crate::cancel::Cancel;
 use crate::error::{Code, Error, Result};
+use crate::formats::limits::Limits;
 use crate::metrics::boundaries::Candidate;
 use crate::render::direct::DirectRenderer;
 use crate::render::film::Sampling;
@@ -77,10 +78,18 @@ impl Subject {
     /// has `side` pixels.
     ///
     /// # Errors
-    /// If the functions show nothing of any voxel.
-    pub(super) fn of(field: Bricks<f32>, candidates: &[Candidate], (side, up): (usize, Up)) -> Result<Self> {
+    /// If the functions show nothing of any voxel, or the volume would need more memory than is allowed.
+    pub(super) fn of(
+        field: Bricks<f32>,
+        candidates: &[Candidate],
+        (side, up): (usize, Up),
+        limits: Limits,
+    ) -> Result<Self> {
         let tables = candidates.iter().map(|candidate| candidate.transfer.table()).collect::<Result<Vec<Table>>>()?;
         let absorbs = |value: f64| tables.iter().any(|table| table.at(value)[3] > 0.0);
+        // Voxels that no grid holds may have another value than the border.
+        let absent = absorbs(field.reference + f64::from(field.background));
+        let field = if absent { field.filled(limits.max_memory)? } else { field };
         let outline = field.outline_of(|stored| absorbs(field.reference + f64::from(stored)));
         if outline.is_empty() {
             return Err(Error::invalid("no voxel differs from the background")

@@ -10,8 +10,9 @@ const WINDOW: f64 = 1.5;
 const LEAST: f64 = 64.0;
 /// Least ratio of a maximum to the median of the gradients, above which it is no noise.
 const ABOVE_FLOOR: f64 = 1.5;
-/// Least prominence of a maximum, as a share of the largest gradient above the floor, and in standard errors.
+/// Least prominence of a maximum, as a share of the largest gradient above the floor, of its own, and in standard errors.
 const PROMINENCE: f64 = 0.12;
+const OWN: f64 = 0.4;
 const ERRORS: f64 = 4.0;
 
 /// Voxels by value, in bins of equal width.
@@ -105,7 +106,8 @@ impl Curve {
         let all: Vec<Maximum> = peaks.map(|bin| Maximum { bin, prominence: self.prominence(bin) }).collect();
         let highest = all.iter().map(|m| g[m.bin]).fold(self.floor, f64::max);
         let stands_out = |m: &Maximum| {
-            let least = (PROMINENCE * (highest - self.floor)).max(ERRORS * self.errors[m.bin]);
+            let height = g[m.bin] - self.floor;
+            let least = (PROMINENCE * (highest - self.floor)).max(OWN * height).max(ERRORS * self.errors[m.bin]);
             m.prominence > least && g[m.bin] > ABOVE_FLOOR * self.floor
         };
         all.into_iter().filter(stands_out).collect()
