@@ -10,7 +10,7 @@ pub const COLORS: [[u8; 3]; MOST_BOUNDARIES] = [[86, 180, 233], [213, 94, 0], [0
 /// Optical depth of the innermost boundary, passed straight; and of a ramp, through the volume on the average.
 const DEPTH: f64 = 1.5;
 /// Ratio of the optical depths of a boundary and the next one inside.
-const OUTER: f64 = 0.4;
+const OUTER: f64 = 0.3;
 /// Least part of the range on a side of the background that a ramp shows.
 const LEAST_SIDE: f64 = 0.1;
 
@@ -82,7 +82,7 @@ impl Analysis {
     }
 
     /// Optical depths of all boundaries: those whose values are nearer to the background's lie farther out.
-    fn depths(&self) -> Vec<f64> {
+    pub(super) fn depths(&self) -> Vec<f64> {
         let apart = |boundary: &Boundary| (boundary.value - self.background).abs();
         let inside = |boundary: &Boundary| self.boundaries.iter().filter(|b| apart(b) > apart(boundary)).count();
         self.boundaries.iter().map(|boundary| DEPTH * OUTER.powi(inside(boundary) as i32)).collect()
