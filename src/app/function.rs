@@ -1,5 +1,5 @@
-//! A transfer function, shown or converted to .tf.json; those that suit a volume; and the list of those that are there by
-//! name.
+//! A transfer function, shown or converted to .tf.json; those that suit a volume; and the list of those that are there
+//! by name.
 
 use super::context::Context;
 use super::outputs::{self, Content};
@@ -122,8 +122,8 @@ impl FunctionSettings {
         self.input.iter().chain(&self.suggest).map(PathBuf::as_path).collect()
     }
 
-    /// Reads the transfer function, or suggests one, and writes it if an output is stated; or lists those that are there
-    /// by name.
+    /// Reads the transfer function, or suggests one, and writes it if an output is stated; or lists those that are
+    /// there by name.
     ///
     /// # Errors
     /// If the input is no transfer function or volume that can be used, or an output cannot be written.

@@ -28,7 +28,8 @@ const EARLY_STOP: f64 = 2e-3;
 /// Opacity above which a pixel shows something, and above which it shows nothing behind.
 const VISIBLE: f32 = 0.02;
 const OPAQUE: f32 = 0.98;
-/// Share of the pixels over the volume's box below which nothing is to be seen, and above which opaque ones are a block.
+/// Share of the pixels over the volume's box below which nothing is to be seen, and above which opaque ones are a
+/// block.
 const LEAST: f64 = 0.001;
 const BLOCK: f64 = 0.98;
 
@@ -74,8 +75,8 @@ pub(super) struct Subject {
 }
 
 impl Subject {
-    /// Returns the volume as seen by a camera that shows what any of the functions does; the longer side of the pictures
-    /// has `side` pixels.
+    /// Returns the volume as seen by a camera that shows what any of the functions does; the longer side of the
+    /// pictures has `side` pixels.
     ///
     /// # Errors
     /// If the functions show nothing of any voxel, or the volume would need more memory than is allowed.

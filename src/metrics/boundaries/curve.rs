@@ -10,7 +10,8 @@ const WINDOW: f64 = 1.5;
 const LEAST: f64 = 64.0;
 /// Least ratio of a maximum to the median of the gradients, above which it is no noise.
 const ABOVE_FLOOR: f64 = 1.5;
-/// Least prominence of a maximum, as a share of the largest gradient above the floor, of its own, and in standard errors.
+/// Least prominence of a maximum, as a share of the largest gradient above the floor, of its own, and in standard
+/// errors.
 const PROMINENCE: f64 = 0.12;
 const OWN: f64 = 0.4;
 const ERRORS: f64 = 4.0;

@@ -68,8 +68,8 @@ impl<'a> Voxels<'a> {
         self.field.reference + f64::from(stored)
     }
 
-    /// Returns the cells inside the box, or at most two million of them on a regular lattice, in the order of their bricks.
-    /// Of bricks that lie in several places one place counts.
+    /// Returns the cells inside the box, or at most two million of them on a regular lattice, in the order of their
+    /// bricks. Of bricks that lie in several places one place counts.
     pub(super) fn samples(&self) -> Vec<Sample> {
         let bricks = self.field.topology.bricks();
         let fits = |stride: &usize| bricks.len() * CELLS.pow(3) / stride.pow(3) <= MOST;
