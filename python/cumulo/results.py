@@ -1042,6 +1042,94 @@ class Transfer(Report):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class SuggestedBoundary(Report):
+    """A boundary with its number."""
+
+    gradient: float | None
+    """Mean magnitude of the gradient at the boundary, per world unit."""
+    half_width: float | None
+    """Distance of the values on either side at which the mean gradient has fallen to half."""
+    number: int
+    """Number from 1, as names of candidates have it."""
+    share: float | None
+    """Share of the voxels whose values lie within the half width."""
+    thickness: float | None
+    """Thickness in voxels: twice the standard deviation of the blur that would make a step look like it."""
+    value: float | None
+    """Value halfway between the materials."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Material(Report):
+    """A material: the most frequent value between two boundaries."""
+
+    share: float | None
+    """Share of the voxels between the boundaries."""
+    value: float | None
+    """Most frequent value."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SuggestedFunction(Report):
+    """A function that suits the volume."""
+
+    albedo: dict[str, Any] | None
+    """Albedo that the function states beside its colors."""
+    effect: str
+    """What can be seen through it."""
+    empty_at_zero: bool
+    """True if density 0 absorbs nothing, so that empty space can be skipped."""
+    entries: int
+    """Number of texels, points or lobes; 1 for an identity."""
+    kind: str
+    """Kind of function: `texture`, `piecewise`, `gaussians` or `identity`."""
+    name: str
+    """What it shows: `all boundaries`, `boundary 1` and so on, or `ramp`."""
+    number: int
+    """Number from 1, as `candidate` takes it."""
+    parameters: int
+    """Number of parameters that can be optimised."""
+    peak_color: tuple[float, ...]
+    """Greatest radiance of the source, by color channel."""
+    peak_extinction: float | None
+    """Greatest extinction, per world unit."""
+    range: tuple[float, ...]
+    """First and last density of the function's range."""
+    visible: float | None
+    """Share of the picture over the volume's box in which something is to be seen."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Suggestion(Report):
+    """Transfer functions that suit a volume."""
+
+    background: float | None
+    """Value of most of the border of the volume's box; no function absorbs there."""
+    boundaries: list[SuggestedBoundary]
+    """Boundaries between materials, in ascending order of value."""
+    candidate: int
+    """Number of the candidate that was chosen, from 1."""
+    candidates: list[SuggestedFunction]
+    """Functions that suit the volume."""
+    cells: int
+    """Number of cells between voxels, in whose middles values and gradients were taken."""
+    grid: str
+    """Name of the grid."""
+    materials: list[Material]
+    """Materials between the boundaries, in ascending order of value."""
+    output: pathlib.Path | None
+    """Transfer function that was written."""
+    range: tuple[float, ...]
+    """Values between which all but the least and the greatest 0.1 % of the voxels lie."""
+    sheet: pathlib.Path | None
+    """Sheet of all candidates that was written."""
+    suggest: pathlib.Path
+    """Volume that was looked at."""
+    warnings: list[Caution]
+    """Remarks on the function that was chosen."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Preset(Report):
     """Description of a transfer function that is chosen by name."""
 

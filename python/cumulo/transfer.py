@@ -3,6 +3,7 @@
     from cumulo import transfer
     print([function.name for function in transfer.presets()])
     transfer.convert("viridis", "thin.tf.json", range=(0, 0.5), extinction=8)
+    transfer.suggest("head.nii.gz", "head.tf.json", sheet="sheet.png")
 
     from cumulo.transfer import transfer_from_color_ramp, write_transfer
     ramp = material.node_tree.nodes["Color Ramp"].color_ramp
@@ -22,7 +23,7 @@ import numpy as np
 
 from .commands import report
 from .options import Option, Path
-from .results import Preset, Presets, Transfer
+from .results import Preset, Presets, Suggestion, Transfer
 from .run import Progress
 
 # Position and color of a knot.
@@ -44,6 +45,17 @@ def convert(source: Path, output: Path | None = None, *, preset: str | None = No
     named: dict[str, Option] = {"output": output, "preset": preset, "range": range, "extinction": extinction,
                                 "unit_distance": unit_distance}  # fmt: skip
     return report(Transfer, ["transfer"], [source], {**named, **options}, progress)
+
+
+def suggest(volume: Path, output: Path | None = None, *, candidate: int | None = None, sheet: Path | None = None,
+            grid: str | None = None, progress: bool | Progress = False, **options: Option) -> Suggestion:  # fmt: skip
+    """Finds the boundaries between the materials of a VDB, NanoVDB or scan, and functions that show them.
+
+    The function `candidate`, a number from 1 (None: all boundaries together), is written as `.tf.json` where `output` is
+    given, and a picture through each to the PNG `sheet`. `grid` is the one of a VDB with several.
+    """
+    named: dict[str, Option] = {"suggest": volume, "output": output, "candidate": candidate, "sheet": sheet, "grid": grid}
+    return report(Suggestion, ["transfer"], [], {**named, **options}, progress)
 
 
 def presets() -> list[Preset]:

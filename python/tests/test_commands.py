@@ -59,7 +59,7 @@ def test_reports_are_dataclasses_that_know_every_key(plume, shots, tmp_path):
         package.convert(plume, tmp_path / "copy.vdb"), package.convert(plume, tmp_path / "copy.npy"),
         package.plan(plume, views=1, size=(16, 16)),
         package.gradient(plume, wrt="camera", loss="mean", views=1, size=(8, 8), check=True),
-        package.transfer.convert("viridis"), *package.transfer.presets(),
+        package.transfer.convert("viridis"), *package.transfer.presets(), package.transfer.suggest(plume),
         package.usd.author(plume, tmp_path / "a.usda", camera=shots.output), package.usd.lint(tmp_path / "a.usda"),
     ]  # fmt: skip
     assert [key for report in reports for key in unknown(report)] == []
@@ -91,6 +91,13 @@ def test_transfer_functions_are_listed_and_converted(tmp_path):
     assert (made.output, made.range, made.peak_extinction) == (tmp_path / "a.tf.json", (0, 0.5), 8)
     again = package.transfer.convert(tmp_path / "a.tf.json")
     assert again.output is None and (again.range, again.peak_extinction) == (made.range, made.peak_extinction)
+
+
+def test_transfer_functions_are_suggested(plume, tmp_path):
+    made = package.transfer.suggest(plume, tmp_path / "a.tf.json", candidate=1, sheet=tmp_path / "sheet.png")
+    assert made.output == tmp_path / "a.tf.json" and made.sheet.read_bytes().startswith(b"\x89PNG")
+    assert made.candidates[-1].name == "ramp" and len(made.materials) == (len(made.boundaries) + 1)
+    assert package.transfer.convert(made.output).name == made.candidates[0].name
 
 
 def test_stages_are_written_and_checked(plume, tmp_path):

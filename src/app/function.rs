@@ -1,8 +1,11 @@
-//! A transfer function, shown or converted to .tf.json; and the list of those that are there by name.
+//! A transfer function, shown or converted to .tf.json; those that suit a volume; and the list of those that are there
+//! by name.
 
 use super::context::Context;
 use super::outputs::{self, Content};
 use super::provenance::Provenance;
+use super::scan::ScanSettings;
+use super::suggestion::{self, Suggested};
 use crate::app::inputs;
 use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
@@ -14,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// Settings of a transfer function that is shown, or converted to .tf.json.
+/// Settings of a transfer function that is shown, or converted to .tf.json; or of those that suit a volume.
 ///
 /// Read are .tf.json, color map presets of ParaView (JSON and XML), and VDBs whose grids carry one; content tells
 /// which. ParaView's display-referred colors become scene-linear, its opacities extinctions.
@@ -24,6 +27,19 @@ pub struct FunctionSettings {
     /// File of the transfer function, or a name such as viridis or ct-bone; none to list those that are there by name.
     #[serde(with = "crate::app::paths")]
     pub input: Option<PathBuf>,
+    /// VDB, NanoVDB or scan to suggest functions for, in the place of the input; none to read one.
+    #[serde(with = "crate::app::paths")]
+    pub suggest: Option<PathBuf>,
+    /// Number of the suggested function to write, from 1; none for the first: all boundaries together.
+    pub candidate: Option<u32>,
+    /// PNG to draw a sheet of all suggested functions to.
+    #[serde(with = "crate::app::paths")]
+    pub sheet: Option<PathBuf>,
+    /// Grid to suggest functions for; none for density, else the only scalar one.
+    pub grid: Option<String>,
+    /// Part of a scan that functions are suggested for, and where its voxels lie.
+    #[serde(flatten)]
+    pub scan: ScanSettings,
     /// The .tf.json to write it to.
     #[serde(with = "crate::app::paths")]
     pub output: Option<PathBuf>,
@@ -46,6 +62,8 @@ pub struct FunctionSettings {
 pub enum FunctionReport {
     /// Report of a function.
     Function(Box<Described>),
+    /// The functions that suit a volume.
+    Suggested(Box<Suggested>),
     /// The functions that are there by name.
     List(List),
 }
@@ -54,6 +72,7 @@ impl fmt::Display for FunctionReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Function(described) => described.fmt(f),
+            Self::Suggested(suggested) => suggested.fmt(f),
             Self::List(list) => list.fmt(f),
         }
     }
@@ -100,18 +119,51 @@ impl Report for FunctionReport {}
 impl FunctionSettings {
     /// Paths that the function is read from.
     pub(crate) fn inputs(&self) -> Vec<&Path> {
-        self.input.iter().map(PathBuf::as_path).collect()
+        self.input.iter().chain(&self.suggest).map(PathBuf::as_path).collect()
     }
 
-    /// Reads the transfer function, and writes it if an output is stated; or lists those that are there by name.
+    /// Reads the transfer function, or suggests one, and writes it if an output is stated; or lists those that are
+    /// there by name.
     ///
     /// # Errors
-    /// If the input is no transfer function that can be used, or the output cannot be written.
+    /// If the input is no transfer function or volume that can be used, or an output cannot be written.
     pub fn run(&self, context: &Context) -> Result<FunctionReport> {
         let _inputs = inputs::protect(self.inputs(), self.limits);
-        match &self.input {
-            Some(input) => self.read(input, context).map(|described| FunctionReport::Function(Box::new(described))),
-            None => Ok(FunctionReport::List(List { functions: transfer::builtins() })),
+        self.check()?;
+        match (&self.input, &self.suggest) {
+            (_, Some(volume)) => {
+                suggestion::run(self, volume, context).map(|found| FunctionReport::Suggested(Box::new(found)))
+            }
+            (Some(input), None) => self.read(input, context).map(|found| FunctionReport::Function(Box::new(found))),
+            (None, None) => Ok(FunctionReport::List(List { functions: transfer::builtins() })),
+        }
+    }
+
+    /// Refuses settings that have no effect on what is asked for.
+    fn check(&self) -> Result<()> {
+        let of_suggestion = [
+            ("⟨candidate⟩", self.candidate.is_some()),
+            ("⟨sheet⟩", self.sheet.is_some()),
+            ("⟨grid⟩", self.grid.is_some()),
+        ];
+        let scan = self.scan.stated().map(|(name, given, _)| (name, given));
+        let of_function = [
+            ("the input", self.input.is_some()),
+            ("⟨preset⟩", self.preset.is_some()),
+            ("⟨range⟩", self.range.is_some()),
+            ("⟨unit_distance⟩", self.unit_distance.is_some()),
+            ("⟨extinction⟩", self.extinction.is_some()),
+        ];
+        let given = |all: &[(&'static str, bool)]| all.iter().find(|(_, given)| *given).map(|(name, _)| *name);
+        match self.suggest {
+            Some(_) => given(&of_function).map_or(Ok(()), |name| {
+                Err(Error::invalid(format!("{name} has no effect on suggested functions"))
+                    .hint("leave it out, or ⟨suggest⟩"))
+            }),
+            None => given(&of_suggestion).or(given(&scan)).map_or(Ok(()), |name| {
+                Err(Error::invalid(format!("{name} has no effect without ⟨suggest⟩"))
+                    .hint("name the volume with ⟨suggest⟩, or leave it out"))
+            }),
         }
     }
 

@@ -50,6 +50,7 @@ pub mod selftest;
 pub mod sequence;
 pub mod statistics;
 pub mod study;
+pub(crate) mod suggestion;
 pub(crate) mod task;
 pub mod transfer;
 pub mod up;

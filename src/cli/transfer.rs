@@ -1,24 +1,44 @@
-//! `cumulo transfer`: transfer functions in, `.tf.json` out.
+//! `cumulo transfer`: transfer functions, or volumes that want one, in, `.tf.json` out.
 
 use super::args::read_as;
 use super::memory::Memory;
 use super::parse::{ascending, positive};
 use crate::app::function::FunctionSettings;
+use crate::app::scan::ScanSettings;
 use std::path::PathBuf;
 
-/// Show a transfer function, or convert it to .tf.json
+/// Show a transfer function, convert it to .tf.json, or suggest one for a volume
 ///
 /// Read are .tf.json, color map presets of ParaView (JSON and XML), and VDBs whose grids carry one; content tells
 /// which. ParaView's display-referred colors become scene-linear, its opacities extinctions. Color maps and medical
-/// presets are there by name: see --list.
+/// presets are there by name: see --list. --suggest finds the boundaries between a volume's materials by its histogram
+/// and gradients (Kindlmann and Durkin), and makes functions that show them, in the data's own units.
 #[derive(Debug, clap::Args)]
 struct FunctionArgs {
     /// Transfer function to read: a file, or a name such as viridis or ct-bone
-    #[arg(required_unless_present = "list")]
+    #[arg(required_unless_present_any = ["list", "suggest"])]
     input: Option<PathBuf>,
     /// List the transfer functions that are there by name, with their ranges
     #[arg(long, conflicts_with_all = ["input", "output", "preset", "range", "unit_distance", "extinction"])]
     list: bool,
+    /// Suggest functions that suit this VDB, NanoVDB or scan
+    #[arg(
+        long,
+        value_name = "V",
+        conflicts_with_all = ["input", "list", "preset", "range", "unit_distance", "extinction"],
+    )]
+    suggest: Option<PathBuf>,
+    /// Which suggested function to write, from 1 (default: all boundaries together)
+    #[arg(long, value_name = "N", requires = "suggest", value_parser = clap::value_parser!(u32).range(1..))]
+    candidate: Option<u32>,
+    /// Draw a sheet of all suggested functions to this PNG
+    #[arg(long, value_name = "PNG", requires = "suggest")]
+    sheet: Option<PathBuf>,
+    /// Grid of a VDB to suggest functions for (default: density, else the only scalar one)
+    #[arg(long, value_name = "NAME", requires = "suggest")]
+    grid: Option<String>,
+    #[command(flatten)]
+    scan: ScanSettings,
     /// Write it to this .tf.json
     #[arg(long, short, value_name = "OUT")]
     output: Option<PathBuf>,
@@ -41,8 +61,20 @@ struct FunctionArgs {
 impl From<FunctionArgs> for FunctionSettings {
     fn from(args: FunctionArgs) -> Self {
         // Without an input all are listed.
-        let FunctionArgs { input, list: _, output, preset, range, unit_distance, extinction, memory } = args;
-        Self { input, output, preset, range, unit_distance, extinction, limits: memory.limits() }
+        Self {
+            input: args.input,
+            suggest: args.suggest,
+            candidate: args.candidate,
+            sheet: args.sheet,
+            grid: args.grid,
+            scan: args.scan,
+            output: args.output,
+            preset: args.preset,
+            range: args.range,
+            unit_distance: args.unit_distance,
+            extinction: args.extinction,
+            limits: args.memory.limits(),
+        }
     }
 }
 

@@ -1,8 +1,9 @@
-//! Differences of two pictures or of two volumes.
+//! Differences of two pictures or of two volumes, and the boundaries between the materials of a volume.
 //!
 //! Pictures are compared by their color channels in scene-linear values; alpha has a separate figure. Pixels in which
 //! either picture has a NaN or infinite sample are left out and counted.
 
+pub mod boundaries;
 pub mod error;
 pub mod flicker;
 pub mod flip;

@@ -52,6 +52,7 @@ mod sequences;
 mod shell;
 mod statistical;
 mod study;
+mod suggestion;
 mod tf_color;
 mod through_transfer;
 mod transfer;

@@ -121,6 +121,7 @@ fn documents_of_every_command_are_what_their_schemas_say() {
     ok("report", "report tf --reference f.tf.json");
     ok("transfer", "transfer --list");
     ok("transfer", "transfer f.tf.json -o g.tf.json");
+    ok("transfer", "transfer --suggest @plume.vdb --sheet sheet.png -o suggested.tf.json");
     all.check("denoise", "denoise frames/frame.####.exr -o quiet/frame.####.exr", 2);
     for seed in [3, 4] {
         ok("render", &format!("render @plume.vdb --views 1 --size 8x8 --albedo 0.9 --seed {seed} -o seed{seed}.exr"));

@@ -245,5 +245,5 @@ fn surfaces_reflect_light() {
     work.refused(&format!("{render} --specular 0.5 -o no"), Code::Invalid, &["specular", "--gradient-shading"]);
     let bad = format!("{render} --gradient-shading 1");
     work.refused(&format!("{bad} --specular 1.5 -o no"), Code::Usage, &["specular", "0 to 1"]);
-    work.refused(&format!("{bad} --specular 1 --roughness 0.01 -o no"), Code::Invalid, &["roughness", "0.05"]);
+    work.refused(&format!("{bad} --specular 1 --roughness 0.01 -o no"), Code::Usage, &["roughness", "0.05"]);
 }

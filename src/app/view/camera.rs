@@ -14,7 +14,7 @@ const ANGLE: f64 = 30.0;
 
 /// Returns a camera from which points fill a picture whose longer side has `side` pixels; the shorter side follows from
 /// their extent. The picture stands upright with respect to `up`.
-pub(super) fn around(points: &[DVec3], side: usize, up: Up) -> Camera {
+pub(in crate::app) fn around(points: &[DVec3], side: usize, up: Up) -> Camera {
     let side = side as u32;
     let direction = Up::Z.turn(up) * DIRECTION.normalize();
     let square = orbit::fitted(points, direction, [side, side], ANGLE, up);

@@ -1,6 +1,6 @@
 //! Contact sheets of what is in files.
 
-mod camera;
+pub(in crate::app) mod camera;
 mod capture;
 mod exposure;
 mod layers;

@@ -155,6 +155,7 @@ const TABLE: &[Examples] = &[
         &[
             "cumulo transfer preset.json -o warm.tf.json",
             "cumulo transfer preset.json --range 0,0.5 -o thin.tf.json",
+            "cumulo transfer --suggest head.nii.gz --sheet sheet.png -o head.tf.json",
             "cumulo transfer --list                                 # color maps and presets by name",
         ],
     ),
