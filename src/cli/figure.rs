@@ -26,7 +26,7 @@ struct FigureArgs {
     /// Labels of the panels, such as A,B,C
     #[arg(long, value_name = "A,B,...", value_delimiter = ',')]
     label: Vec<String>,
-    /// Panels in a row (default: up to three)
+    /// Panels in a row (default: three of up to three, else about as many as rows)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     columns: Option<u32>,
     /// Width of the figure in millimetres, 85mm, or in pixels of which 300 make an inch, 1200px (default: at least 60
@@ -76,8 +76,8 @@ struct FigureArgs {
     /// Show how the axes of the world lie in each panel
     #[arg(long, value_name = "MARK", value_parser = choice::<Orientation>())]
     orientation: Option<Orientation>,
-    /// Camera of each panel, or of all: a view of a capture, by its number or else by the name of the picture (default:
-    /// that which the picture states)
+    /// Camera of each panel, or of all: a view of a capture, such as shots#3, counted from 0; without a number the one
+    /// of the picture's name (default: the camera that the picture states)
     #[arg(long, value_name = "CAPTURE[#VIEW],...", value_delimiter = ',', value_parser = camera)]
     camera: Vec<CameraOf>,
     /// Replace a figure that other settings made

@@ -1,5 +1,7 @@
 //! A figure as shapes in points of 1/72 inch, x to the right and y downwards from the top left corner.
 
+use super::font::Font;
+
 /// Position or extent in points.
 pub(super) type Point = [f64; 2];
 /// An sRGB color.
@@ -36,6 +38,9 @@ pub(super) enum Anchor {
     Start,
     Middle,
 }
+
+/// Width of bold letters over that of regular ones.
+const BOLD: f64 = 1.12;
 
 /// Font size, weight and color of a text.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,6 +90,13 @@ impl Drawing {
     /// Adds a line.
     pub(super) fn line(&mut self, points: Vec<Point>, width: f64, color: Color) {
         self.shapes.push(Shape::Line { points, width, color });
+    }
+
+    /// Adds a text that is no wider than `room`: in smaller letters where it would be.
+    pub(super) fn text_within(&mut self, text: &str, at: Point, anchor: Anchor, style: Style, room: f64) {
+        let width = Font::new().map_or(0.0, |font| font.width(text, style.size)) * if style.bold { BOLD } else { 1.0 };
+        let size = if width > room { style.size * (room / width).max(0.0) } else { style.size };
+        self.text(text, at, anchor, Style { size, ..style });
     }
 
     /// Adds a text.

@@ -62,7 +62,7 @@ impl FigureSettings {
         let mut y = 0.0;
         if let Some(title) = &self.title {
             let style = Style { size: 1.25 * size, bold: true, color: ink };
-            drawing.text(title.as_str(), [0.5 * width, 1.4 * size], Anchor::Middle, style);
+            drawing.text_within(title, [0.5 * width, 1.4 * size], Anchor::Middle, style, width - size);
             y += TITLE * size;
         }
         for (row, line) in panels.chunks(columns).enumerate() {
@@ -106,7 +106,8 @@ impl FigureSettings {
         let size = self.font_size;
         if let Some(label) = self.label.get(number) {
             let style = Style { size: 1.1 * size, bold: true, color: ink };
-            drawing.text(label.as_str(), [at[0] + 0.1 * size, at[1] - 0.45 * size], Anchor::Start, style);
+            let place = [at[0] + 0.3 * size, at[1] - 0.45 * size];
+            drawing.text_within(label, place, Anchor::Start, style, width - 0.6 * size);
         }
         // On a transparent page what lies behind is not known: pages are mostly white.
         let color = |from: [f64; 2], to: [f64; 2]| contrasting(level(&panel.raster, from, to));

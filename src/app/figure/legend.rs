@@ -91,7 +91,7 @@ impl Legend {
         let (x, width) = (x + MARGIN * size, width - 2.0 * MARGIN * size);
         let thin = 0.06 * size;
         let small = Style { size: 0.85 * size, bold: false, color: ink };
-        drawing.text(self.extinction.as_str(), [x, y + 0.7 * size], Anchor::Start, small);
+        drawing.text_within(&self.extinction, [x, y + 0.7 * size], Anchor::Start, small, width);
         let foot = y + text + curve;
         let steps = (self.curve.len() - 1).max(1) as f64;
         let point = |(i, v): (usize, &f64)| [x + width * i as f64 / steps, foot - 0.95 * curve * v];
@@ -105,15 +105,20 @@ impl Legend {
         let frame = vec![[x, foot], [x + width, foot], [x + width, foot + bar], [x, foot + bar], [x, foot]];
         drawing.line(frame, thin, ink);
         let below = foot + bar;
+        let apart = self.ticks.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+        let between = 0.9 * width * apart / (self.range[1] - self.range[0]);
         for value in &self.ticks {
             let at = x + width * (value - self.range[0]) / (self.range[1] - self.range[0]);
             drawing.line(vec![[at, below], [at, below + tick]], thin, ink);
             let style = Style { size, bold: false, color: ink };
-            drawing.text(number(*value), [at, below + tick + 0.95 * size], Anchor::Middle, style);
+            let to_edge = MARGIN * size + (at - x).min(x + width - at);
+            let room = between.min(2.0 * to_edge);
+            drawing.text_within(&number(*value), [at, below + tick + 0.95 * size], Anchor::Middle, style, room);
         }
         if let Some(text) = &self.caption {
             let at = [x + 0.5 * width, below + tick + numbers + 0.7 * caption];
-            drawing.text(text.as_str(), at, Anchor::Middle, Style { size, bold: false, color: ink });
+            let style = Style { size, bold: false, color: ink };
+            drawing.text_within(text, at, Anchor::Middle, style, width + 2.0 * MARGIN * size);
         }
     }
 }

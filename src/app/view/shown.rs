@@ -144,8 +144,10 @@ impl fmt::Display for ViewReport {
             let place = shown.output.as_ref().unwrap_or(&shown.input);
             writeln!(f, "{}: {}", printable(&place.to_string_lossy()), shown.content)
         })?;
-        self.failed.iter().try_for_each(|NotShown { input, error }| {
-            write!(f, "{}: {}", printable(&input.to_string_lossy()), error.to_string().trim_end().replace('\n', "\n  "))
+        self.failed.iter().enumerate().try_for_each(|(i, NotShown { input, error })| {
+            let (line, error) = (if i > 0 { "\n" } else { "" }, error.to_string());
+            let error = error.trim_end().replace('\n', "\n  ");
+            write!(f, "{line}{}: {error}", printable(&input.to_string_lossy()))
         })
     }
 }
