@@ -8,6 +8,7 @@
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
 //! | [Blender](blender) | How do I get from a Blender scene to a render, a capture, a reconstruction, and back? |
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
+//! | [Pictures of scans](scans) | How do I show a scan: shaded, under light, from the patient's sides, as a figure? |
 //! | [Volumes](volumes) | How do I change axes, names, voxels and forms of VDB grids for another program? |
 //! | [Medical and scientific grids](grids) | How do I get scans and simulations into OpenVDB, and grids out of it? |
 //! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
@@ -76,6 +77,9 @@ pub mod python {}
 
 #[doc = include_str!("guide/reconstruction.md")]
 pub mod reconstruction {}
+
+#[doc = include_str!("guide/scans.md")]
+pub mod scans {}
 
 #[doc = include_str!("guide/scattering.md")]
 pub mod scattering {}

@@ -21,6 +21,7 @@ const PAGES: &[&str] = &[
     "src/guide/looking.md",
     "src/guide/own-loss.md",
     "src/guide/reconstruction.md",
+    "src/guide/scans.md",
     "src/guide/scattering.md",
     "src/guide/self-test.md",
     "src/guide/paths.md",
@@ -270,6 +271,11 @@ fn self_test() {
 #[test]
 fn shell() {
     assert!(run("src/guide/shell.md") >= 18);
+}
+
+#[test]
+fn scans() {
+    assert!(run("src/guide/scans.md") >= 5);
 }
 
 #[test]
