@@ -43,6 +43,7 @@ __all__ = [
     "LintFinding",
     "Linted",
     "LintedStage",
+    "Material",
     "MeanTest",
     "Merged",
     "Motion",
@@ -64,6 +65,9 @@ __all__ = [
     "Stage",
     "Start",
     "Statistics",
+    "SuggestedBoundary",
+    "SuggestedFunction",
+    "Suggestion",
     "Transfer",
     "TransferFunction",
     "Up",
@@ -431,7 +435,7 @@ class Accuracy(Report):
     relative_error: float | None
     """Error over the root mean square of the denoised colors."""
     told_by: str
-    """What tells it."""
+    """Source of the estimate."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
