@@ -273,7 +273,7 @@ mod tests {
 
     #[test]
     fn a_stated_distance_and_angle_are_kept() {
-        let (middle, _) = ball(&corners());
+        let middle = middle(&corners());
         let bearing = Side::Iso.bearing(Up::Z);
         let camera = cameras(&corners(), &[Stand::Around(bearing, Some(3.0))], view(Projection::Perspective))[0];
         assert!((camera.position().distance(middle) - 3.0).abs() < 1e-12);

@@ -48,7 +48,7 @@ fn anatomical_names_are_those_of_the_file() {
     // The columns of the sform: x runs to the right by 0.5, y to the front by 0.75, z to the head by 1.25.
     let header = images::nifti1(2, 1, (Some(images::straight()), false), false, false);
     let [nx, ny, nz] = images::SIZE;
-    let bright = |i: usize| i % nx == 0 && i / nx % ny == 0 && i / nx / ny == nz - 1;
+    let bright = |i: usize| i.is_multiple_of(nx) && (i / nx).is_multiple_of(ny) && i / nx / ny == nz - 1;
     let values = (0..nx * ny * nz).map(|i| if bright(i) { 200 } else { 1 });
     std::fs::write(work.path("scan.nii"), [header, values.collect()].concat()).unwrap();
     work.json("convert scan.nii scan.vdb --as float");

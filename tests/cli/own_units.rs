@@ -71,7 +71,7 @@ fn scans_are_shown_in_their_own_units() {
         assert!(largest > 0.5 && off < 2e-4 * largest, "{other}: {off:.1e} of {largest}");
     }
     // The default quadrature is good for what it states.
-    work.json(&format!("render scan.vdb --cameras own --tf ct-bone --density-scale 0.5 -o usual"));
+    work.json("render scan.vdb --cameras own --tf ct-bone --density-scale 0.5 -o usual");
     let [off, largest] = apart(&work, ["own", "usual"]);
     assert!(off < 1e-2 * largest, "{off:.1e}");
     // Air that shines is there whether voxels hold it or not.
@@ -148,9 +148,7 @@ fn values_far_from_zero_are_told_apart() {
     work.json(&format!("render far.vdb --cameras near {extents} {} -o far", range(1e6)));
     let [off, largest] = apart(&work, ["near", "far"]);
     assert!(largest > 0.1 && off < 1e-4 * largest, "{off:.1e} of {largest}");
-    let report = work.json(&format!(
-        "gradient far.vdb --tf viridis --tf-range 1000000,1000016 --views 1 --size 8x8 --loss mean --wrt density --largest 4",
-    ));
+    let report = work.json("gradient far.vdb --tf viridis --tf-range 1000000,1000016 --views 1 --size 8x8 --loss mean --wrt density --largest 4");
     for row in report["rows"].as_array().unwrap() {
         assert!((1e6..=1e6 + 15.0).contains(&row["value"].as_f64().unwrap()), "{row}");
     }

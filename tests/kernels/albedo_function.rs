@@ -147,8 +147,7 @@ fn tracked(field: &Bricks<f64>, medium: &Medium, sky: DVec3, ray: &Ray, paths: u
     let mut moments = [Moments::default(); 3];
     for _ in 0..paths {
         let (mut ray, mut weight, mut found) = (*ray, DVec3::ONE, DVec3::ZERO);
-        'path: loop {
-            let Some((enter, leave)) = bounds.clip(&ray) else { break };
+        'path: while let Some((enter, leave)) = bounds.clip(&ray) {
             let mut at = enter.max(0.0);
             let density = loop {
                 at -= (1.0 - number()).ln() / majorant;

@@ -108,7 +108,7 @@ fn entry(Measured { header, spacing, statistics }: Measured) -> Entry {
         origin: map.to_world(glam::DVec3::ZERO).to_array(),
         matrix: map.matrix().transpose().to_cols_array_2d(),
         orientation: about.anatomical.then(|| Orientation::of(&map)),
-        statistics: statistics,
+        statistics,
         notes: all_worded(header.notes),
     }
 }

@@ -106,7 +106,7 @@ impl<'a> Voxels<'a> {
         let size = self.last - self.first;
         let steps = |axis: usize| {
             let length = size[axis];
-            let count = length.min(FACE - 1).max(1);
+            let count = length.clamp(1, FACE - 1);
             (0..=count).map(move |i| (i64::from(length) * i64::from(i) / i64::from(count)) as i32)
         };
         let of_face = |axis: usize| {
