@@ -1080,7 +1080,7 @@ class SuggestedFunction(Report):
     albedo: dict[str, Any] | None
     """Albedo that the function states beside its colors."""
     effect: str
-    """What can be seen through it."""
+    """Effect on the volume."""
     empty_at_zero: bool
     """True if density 0 absorbs nothing, so that empty space can be skipped."""
     entries: int
@@ -1088,7 +1088,7 @@ class SuggestedFunction(Report):
     kind: str
     """Kind of function: `texture`, `piecewise`, `gaussians` or `identity`."""
     name: str
-    """What it shows: `all boundaries`, `boundary 1` and so on, or `ramp`."""
+    """Name by what it shows: `all boundaries`, `boundary 1` and so on, or `ramp`."""
     number: int
     """Number from 1, as `candidate` takes it."""
     parameters: int

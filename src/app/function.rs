@@ -131,11 +131,22 @@ impl FunctionSettings {
         let _inputs = inputs::protect(self.inputs(), self.limits);
         self.check()?;
         match (&self.input, &self.suggest) {
-            (_, Some(volume)) => {
-                suggestion::run(self, volume, context).map(|found| FunctionReport::Suggested(Box::new(found)))
-            }
+            (_, Some(volume)) => suggestion::run(&self.suggestion(volume), context)
+                .map(|found| FunctionReport::Suggested(Box::new(found))),
             (Some(input), None) => self.read(input, context).map(|found| FunctionReport::Function(Box::new(found))),
             (None, None) => Ok(FunctionReport::List(List { functions: transfer::builtins() })),
+        }
+    }
+
+    fn suggestion<'s>(&'s self, volume: &'s Path) -> suggestion::Request<'s> {
+        suggestion::Request {
+            volume,
+            output: self.output.as_deref(),
+            sheet: self.sheet.as_deref(),
+            candidate: self.candidate,
+            grid: self.grid.as_deref(),
+            scan: &self.scan,
+            limits: self.limits,
         }
     }
 

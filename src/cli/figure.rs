@@ -37,7 +37,13 @@ struct FigureArgs {
     #[arg(long, value_name = "PT", default_value_t = 8.0, value_parser = parse::positive)]
     font_size: f64,
     /// Exposure of pictures and legend in stops
-    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = parse::exposure, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "EV",
+        default_value_t = 0.0,
+        value_parser = parse::exposure,
+        allow_negative_numbers = true,
+    )]
     exposure: f64,
     /// Background of the page, which also takes the place of what is behind the volumes of pictures with an alpha
     /// (default: a white page, pictures as they are)

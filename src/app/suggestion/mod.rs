@@ -6,9 +6,9 @@ mod sheet;
 
 pub use report::Suggested;
 
-use super::function::FunctionSettings;
 use super::outputs::{self, Content};
 use super::provenance::Provenance;
+use super::scan::ScanSettings;
 use super::{Context, up, volume};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -25,31 +25,47 @@ use std::path::Path;
 const SIDE: usize = 320;
 const SMALL: usize = 96;
 
-/// Analyses a volume, writes the function that the settings choose and the sheet of all, and reports.
+/// A volume for which functions are wanted, and what becomes of them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Request<'r> {
+    pub volume: &'r Path,
+    /// The .tf.json that a candidate is written to.
+    pub output: Option<&'r Path>,
+    /// The PNG with pictures of all candidates.
+    pub sheet: Option<&'r Path>,
+    /// Number of the candidate, from 1; none for the first.
+    pub candidate: Option<u32>,
+    pub grid: Option<&'r str>,
+    pub scan: &'r ScanSettings,
+    pub limits: Limits,
+}
+
+/// Analyses a volume, writes the function that is asked for and the sheet of all, and reports.
 ///
 /// # Errors
 /// If the volume cannot be read or has one value, there is no such candidate, or an output cannot be written.
-pub(super) fn run(settings: &FunctionSettings, path: &Path, context: &Context) -> Result<Suggested> {
+pub(super) fn run(request: &Request<'_>, context: &Context) -> Result<Suggested> {
+    let path = request.volume;
     let mut provenance = Provenance::begin(context);
-    if let Some(output) = &settings.output {
+    if let Some(output) = request.output {
         outputs::file(output, Content::TransferFunction)?;
     }
-    if let Some(sheet) = &settings.sheet {
+    if let Some(sheet) = request.sheet {
         outputs::file(sheet, Content::Png)?;
         protected::check(sheet)?;
     }
-    let Read { field, grid, up } = read(settings, path)?;
+    let Read { field, grid, up } = read(request)?;
     let named = |e: Error| e.part(format!("grid '{grid}'")).at(path);
     let analysis = {
         let _stage = context.stage("looking");
         Analysis::of(&field).map_err(named)?
     };
     let candidates = analysis.candidates();
-    let chosen = chosen(settings.candidate, &candidates)?;
-    let side = if settings.sheet.is_some() { SIDE } else { SMALL };
+    let chosen = place_of(request.candidate, &candidates)?;
+    let side = if request.sheet.is_some() { SIDE } else { SMALL };
     let pictures = {
         let stage = context.steps(candidates.len() as u64, "draw");
-        let mut subject = Subject::of(field, &candidates, (side, up), settings.limits).map_err(named)?;
+        let mut subject = Subject::of(field, &candidates, (side, up), request.limits).map_err(named)?;
         let picture = |candidate: &Candidate| {
             let picture = subject.picture(&candidate.transfer, &context.cancel())?;
             stage.inc(1);
@@ -58,15 +74,15 @@ pub(super) fn run(settings: &FunctionSettings, path: &Path, context: &Context) -
         candidates.iter().map(picture).collect::<Result<Vec<_>>>()?
     };
     let candidate = &candidates[chosen];
-    if let Some(output) = &settings.output {
-        let files = volume::files(path, &settings.scan, settings.limits);
+    if let Some(output) = request.output {
+        let files = volume::files(path, request.scan, request.limits);
         provenance.files(files.iter().map(|file| file.as_path()))?;
         provenance.lap();
         let provenance = serde_json::to_value(&provenance)
             .map_err(|e| Error::invalid(e.to_string()).at(output).hint("report this as a bug"))?;
         transfer::save(output, &candidate.transfer, Some(&candidate.name), Some(&provenance))?;
     }
-    if let Some(output) = &settings.sheet {
+    if let Some(output) = request.sheet {
         let canvas = sheet::draw(&analysis, (path, &grid), &candidates, &pictures);
         png::write_rgb8(output, canvas.width, canvas.height, &canvas.rgb)?;
     }
@@ -74,8 +90,8 @@ pub(super) fn run(settings: &FunctionSettings, path: &Path, context: &Context) -
     context.warn(&warnings);
     Ok(Suggested {
         suggest: path.to_path_buf(),
-        output: settings.output.clone(),
-        sheet: settings.sheet.clone(),
+        output: request.output.map(Path::to_path_buf),
+        sheet: request.sheet.map(Path::to_path_buf),
         grid,
         candidate: chosen + 1,
         range: analysis.range,
@@ -96,18 +112,18 @@ struct Read {
     up: Up,
 }
 
-fn read(settings: &FunctionSettings, path: &Path) -> Result<Read> {
-    let FunctionSettings { grid, scan, limits, .. } = settings;
-    let file = volume::open(path, scan, *limits)?;
-    let grid = file.read_fog(grid.as_deref())?;
-    let Limits { max_memory, .. } = *limits;
+fn read(request: &Request<'_>) -> Result<Read> {
+    let Request { volume: path, grid, scan, limits, .. } = *request;
+    let file = volume::open(path, scan, limits)?;
+    let grid = file.read_fog(grid)?;
+    let Limits { max_memory, .. } = limits;
     let mut field = Bricks::instanced_values(&grid, max_memory).map_err(|e| e.at(path))?;
     field.domain = grid.active_box();
     Ok(Read { field, grid: grid.name, up: up::of_file(&file).axis })
 }
 
 /// Returns the place of the candidate of a number from 1.
-fn chosen(number: Option<u32>, candidates: &[Candidate]) -> Result<usize> {
+fn place_of(number: Option<u32>, candidates: &[Candidate]) -> Result<usize> {
     let number = number.unwrap_or(1) as usize;
     let listed = || {
         let all = candidates.iter().enumerate().map(|(i, candidate)| format!("{} ({})", i + 1, candidate.name));

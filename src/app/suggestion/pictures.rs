@@ -33,7 +33,7 @@ const OPAQUE: f32 = 0.98;
 const LEAST: f64 = 0.001;
 const BLOCK: f64 = 0.98;
 
-/// What a function shows of a volume.
+/// Effect of a function on a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Effect {
@@ -41,7 +41,7 @@ pub(super) enum Effect {
     Shown,
     /// Nothing.
     Nothing,
-    /// Its box, as one solid block.
+    /// The volume's box, as one solid block.
     SolidBlock,
 }
 

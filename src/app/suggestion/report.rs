@@ -63,9 +63,9 @@ impl NumberedBoundary {
 pub(super) struct CandidateReport {
     /// Number from 1, as `candidate` takes it.
     pub number: usize,
-    /// What it shows: `all boundaries`, `boundary 1` and so on, or `ramp`.
+    /// Name by what it shows: `all boundaries`, `boundary 1` and so on, or `ramp`.
     pub name: String,
-    /// What can be seen through it.
+    /// Effect on the volume.
     pub effect: Effect,
     /// Share of the picture over the volume's box in which something is to be seen.
     pub visible: f64,

@@ -17,7 +17,7 @@ const LEAST_SIDE: f64 = 0.1;
 /// A transfer function that suits a volume.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
-    /// What it shows: `all boundaries`, `boundary 1` and so on in ascending order of value, or `ramp`.
+    /// Name by what it shows: `all boundaries`, `boundary 1` and so on in ascending order of value, or `ramp`.
     pub name: String,
     /// The function, in the data's own units.
     pub transfer: Transfer,

@@ -58,7 +58,7 @@ pub struct Material {
     pub share: f64,
 }
 
-/// What a volume's values and gradients tell of its materials.
+/// Materials of a volume and the boundaries between them, by its values and gradients.
 #[derive(Debug, Clone)]
 pub struct Analysis {
     /// Values between which all but the least and the greatest 0.1 % of the voxels lie.
