@@ -522,7 +522,7 @@ fn surfaces_are_shaded_by_a_light_at_the_camera() {
     work.json(&format!("{} --shade -o cap", view.replace("--views 1", "--views 6")));
     let capture: Value = serde_json::from_slice(&std::fs::read(work.path("cap/transforms.json")).unwrap()).unwrap();
     assert_eq!((&capture["model"], &capture["shading"]["terms"]["diffuse"]), (&"scattering".into(), &0.8.into()));
-    work.refused("reconstruct tf @plume.vdb cap -o no.tf.json", Code::Unsupported, &["scatters"]);
+    work.refused("reconstruct tf cap --volume @plume.vdb -o no.tf.json", Code::Unsupported, &["scatter"]);
     for (options, code) in [
         ("--shade --albedo 0.5", Code::Usage),
         ("--shade=1,2,3,4,5", Code::Usage),

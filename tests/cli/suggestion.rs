@@ -94,9 +94,10 @@ fn what_has_no_functions_is_refused() {
     work.refused("transfer --suggest scan.vdb --voxel-size 2", Code::Invalid, &["--voxel-size"]);
     work.refused("transfer viridis --time-point 0", Code::Invalid, &["--time-point", "--suggest"]);
     work.refused("transfer --suggest scan.vdb -o f.png", Code::OutputName, &["f.png"]);
-    for words in
-        ["viridis --suggest scan.vdb", "--list --suggest scan.vdb", "viridis --candidate 1", "viridis --sheet s.png"]
-    {
+    for words in ["viridis --suggest scan.vdb", "--list --suggest scan.vdb"] {
         work.refused(&format!("transfer {words}"), Code::Usage, &[]);
+    }
+    for words in ["viridis --candidate 1", "viridis --sheet s.png"] {
+        work.refused(&format!("transfer {words}"), Code::Invalid, &["--suggest"]);
     }
 }

@@ -20,7 +20,7 @@ const fn case(words: &'static str, inputs: &'static [&'static str], outputs: &'s
 
 const CAPTURE: &[&str] = &["in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"];
 
-pub const ALL: [Case; 38] = [
+pub const ALL: [Case; 39] = [
     case(
         "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --view 0 --size 4x4 --png --overwrite -o out",
         &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"],
@@ -159,6 +159,11 @@ pub const ALL: [Case; 38] = [
     ),
     case("transfer in/two.tf.json -o out/t.tf.json", &["in/two.tf.json"], &["out/t.tf.json"]),
     case(
+        "transfer --suggest in/plume.vdb -o out/u.tf.json --sheet out/u.png",
+        &["in/plume.vdb"],
+        &["out/u.tf.json", "out/u.png"],
+    ),
+    case(
         "usd author in/cube.vdb --tf in/two.tf.json --sky in/sky.exr --camera in/cap --overwrite -o out/s.usda",
         &["in/sky.exr", "in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json"],
         &["out/s.usda"],
@@ -187,9 +192,13 @@ pub const REPORT: Case = case(
 pub fn prepared() -> Work {
     let work = Work::new();
     std::fs::create_dir(work.path("in")).unwrap();
-    for (from, to) in
-        [("cube.vdb", "cube.vdb"), ("slab.vdb", "slab.vdb"), ("cube.vdb", "s.0000.vdb"), ("slab.vdb", "s.0001.vdb")]
-    {
+    for (from, to) in [
+        ("cube.vdb", "cube.vdb"),
+        ("slab.vdb", "slab.vdb"),
+        ("plume.vdb", "plume.vdb"),
+        ("cube.vdb", "s.0000.vdb"),
+        ("slab.vdb", "s.0001.vdb"),
+    ] {
         std::fs::copy(fixture(from), work.path(&format!("in/{to}"))).unwrap();
     }
     let tf = r#"{"format": "cumulo-transfer-function", "version": 1, "transfer": {"kind": "piecewise",
