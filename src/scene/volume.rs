@@ -106,10 +106,14 @@ pub fn outline_through(field: &Bricks<f32>, table: &Table) -> Vec<DVec3> {
     let shown = field.outline_of(|value| table.at(field.reference + f64::from(value))[3] > 0.0);
     // What a function shows between two voxels alone lies among them all.
     let points = if shown.is_empty() { field.outline() } else { shown };
-    // Bricks of the background, which the function may show, reach beyond the volume's end.
+    let background = field.reference + f64::from(field.background);
+    if table.at(background)[3] == 0.0 || field.domain.is_empty() {
+        return points;
+    }
+    // Bricks of the background, which the function shows, reach beyond the volume's end.
     let Aabb { min, max } = field.domain;
     let within = |point: DVec3| field.transform.to_world(field.transform.to_index(point).clamp(min, max));
-    if field.domain.is_empty() { points } else { points.into_iter().map(within).collect() }
+    points.into_iter().map(within).collect()
 }
 
 /// Multiplies emissions and extinctions.
