@@ -39,7 +39,7 @@ struct DenoiseArgs {
     guide: Guide,
     /// Denoise the layers half_a and half_b, which `render --aov halves` writes, apart from each other, and write their
     /// mean. Its error is known then, without a reference and whatever moves, in twice the time
-    #[arg(long, conflicts_with_all = ["layers", "alpha", "error"])]
+    #[arg(long, conflicts_with_all = ["layers", "alpha", "confidence", "error"])]
     halves: bool,
     /// Denoise the alpha of these layers, too
     #[arg(long)]

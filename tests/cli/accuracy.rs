@@ -207,6 +207,21 @@ fn frames_are_rendered_to_a_wanted_error_after_denoising() {
     let again = work.json(&format!("{made} --resume"));
     assert_eq!((&again["noisy_frames"]["skipped"], &again["denoised"]["skipped"]), (&12.into(), &12.into()));
 
+    // Neither a capture nor a PNG of others is replaced, and both are by those who ask for it.
+    let foreign = std::fs::read(work.path("path/transforms.json")).unwrap();
+    let into = format!("render @plume.vdb {lit} --views 1 --frames 1-2 --samples 2 --denoise");
+    work.refused(&format!("{into} -o path"), Code::OutputExists, &["path/transforms.json", "--overwrite"]);
+    assert!(std::fs::read(work.path("path/transforms.json")).unwrap() == foreign && !work.path("path/noisy").exists());
+    std::fs::create_dir(work.path("shown")).unwrap();
+    std::fs::write(work.path("shown/frame.0002.png"), "mine").unwrap();
+    work.refused(&format!("{into} --png -o shown"), Code::OutputExists, &["frame.0002.png", "--overwrite"]);
+    assert_eq!(std::fs::read(work.path("shown/frame.0002.png")).unwrap(), b"mine");
+    for _ in 0..2 {
+        work.json(&format!("{into} --png --overwrite -o shown"));
+        work.json(&format!("{into} --png -o shown"));
+    }
+    assert!(std::fs::read(work.path("shown/frame.0002.png")).unwrap().starts_with(b"\x89PNG"));
+
     let still = work.json(&format!("render @plume.vdb {lit} --views 1 --samples 16 --denoise --png -o still.exr"));
     assert_eq!(still["denoised"]["estimate"]["told_by"], "halves");
     assert!(["still.exr", "still.png", "still.noisy.exr"].iter().all(|name| work.path(name).exists()));

@@ -448,9 +448,9 @@ impl DenoiseSettings {
             return Err(Error::invalid("⟨error⟩ needs ⟨method=wrls2⟩ and ⟨direction=both⟩")
                 .hint("noise and error are told by the frames before and after; give neither option, or no ⟨error⟩"));
         }
-        if self.halves && (self.error || self.alpha || !self.layers.is_empty()) {
+        if self.halves && (self.error || self.confidence || self.alpha || !self.layers.is_empty()) {
             return Err(Error::invalid("⟨halves⟩ denoises the layers half_a and half_b, and no others")
-                .hint("leave out ⟨layers⟩, ⟨alpha⟩ and ⟨error⟩, or ⟨halves⟩"));
+                .hint("leave out ⟨layers⟩, ⟨alpha⟩, ⟨confidence⟩ and ⟨error⟩, or ⟨halves⟩"));
         }
         let input = Names::of(&self.input)?;
         let to = input.alike(&self.output, "the noisy frames")?;

@@ -5,14 +5,16 @@
 //! paths is fixed before the pictures begin, by two sequences of few paths that are thrown away.
 
 use super::target::Target;
-use super::{AccuracySettings, FramesReport, RenderReport, RenderSettings, ViewsReport};
+use super::{AccuracySettings, FramesReport, RenderSettings, ViewsReport};
 use crate::app::Context;
 use crate::app::denoise::{DenoiseReport, DenoiseSettings};
+use crate::app::earlier::{self, Keys, Policy};
 use crate::app::use_case::{Report, Status};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::formats::exr;
 use crate::formats::png;
+use crate::formats::protected;
 use crate::formats::registry::EXR;
 use crate::formats::sequence::{Frames, Pattern};
 use crate::formats::temporary::TemporaryFolder;
@@ -146,17 +148,19 @@ impl RenderSettings {
         let places = Places::of(&self.output, self.is_sequence())?;
         let mut goal = self.accuracy.target_error.map(|error| self.goal(error, &places, context)).transpose()?;
         let samples = goal.as_ref().map(|goal| goal.samples).or(self.pictures.scattering.samples);
-        let (noisy_view, noisy_frames) = match self.noisy(&places.noisy, samples).run(context)? {
-            RenderReport::Views(views) => (Some(views), None),
-            RenderReport::Frames(frames) => (None, Some(frames)),
-            RenderReport::Denoised(_) => return Err(Error::cancelled()),
+        let noisy = self.noisy(&places.noisy, samples);
+        self.refuse_overwrite(&noisy, &places, context)?;
+        let target = Target::of(&places.noisy)?;
+        let (noisy_view, noisy_frames) = match self.is_sequence() {
+            true => (None, Some(noisy.run_frames(target, begun, context)?)),
+            false => (Some(noisy.run_views(target, begun, context)?), None),
         };
         let denoised = self.denoiser(&places.names, self.frames).run(context)?;
         if let Some([from, to]) = places.captures.as_ref().filter(|[from, _]| from.exists()) {
             let text = std::fs::read(from).map_err(|e| Error::io(from, e))?;
             atomic::write_bytes(to, &text)?;
         }
-        self.write_pngs(&places.names[1])?;
+        self.pngs(&places)?.iter().try_for_each(|(picture, png)| self.write_png(picture, png))?;
         if let Some(goal) = &mut goal {
             goal.error = denoised.error_by_scale().map(|[error, _]| error);
             goal.reached = goal.error.is_none_or(|error| error <= goal.target_error);
@@ -204,7 +208,8 @@ impl RenderSettings {
     fn goal(&self, target_error: f64, places: &Places, context: &Context) -> Result<Goal> {
         let begun = Instant::now();
         let stage = context.steps(PILOTS.len() as u64, "pilot");
-        let folder = places.noisy.parent().filter(|folder| folder.is_dir()).unwrap_or(Path::new("."));
+        // Where the pictures go, as far as it is there.
+        let folder = places.noisy.ancestors().skip(1).find(|folder| folder.is_dir()).unwrap_or(Path::new("."));
         let (frames, count) = self.pilot_frames()?;
         let mut pilots = Vec::new();
         let mut rate = 0.0;
@@ -238,13 +243,18 @@ impl RenderSettings {
         Ok(Goal { target_error, pilots, samples, pilot_seconds, error: None, reached: false })
     }
 
+    /// Returns the numbers of the frames of a sequence; `None` for one view.
+    fn frame_numbers(&self) -> Result<Option<Vec<u32>>> {
+        Ok(match (self.frames, Pattern::parse(&self.pictures.input)) {
+            (Some(frames), _) => Some(frames.numbers().collect()),
+            (None, Some(pattern)) => Some(pattern.numbers()?),
+            (None, None) => None,
+        })
+    }
+
     /// Returns the frames of pilots, in the middle of a sequence, and the number of all frames.
     fn pilot_frames(&self) -> Result<(Option<Frames>, usize)> {
-        let numbers: Vec<u32> = match (self.frames, Pattern::parse(&self.pictures.input)) {
-            (Some(frames), _) => frames.numbers().collect(),
-            (None, Some(pattern)) => pattern.numbers()?,
-            (None, None) => return Ok((None, 1)),
-        };
+        let Some(numbers) = self.frame_numbers()? else { return Ok((None, 1)) };
         let length = numbers.len().min(PILOT_FRAMES);
         let middle = &numbers[(numbers.len() - length) / 2..][..length];
         let step = self.frames.map_or(1, |frames| frames.step);
@@ -252,21 +262,46 @@ impl RenderSettings {
         Ok((frames, numbers.len()))
     }
 
-    /// Writes a PNG beside each denoised picture, if PNGs are asked for.
-    fn write_pngs(&self, names: &Path) -> Result<()> {
-        if !self.png {
+    /// Makes sure that the capture and the PNGs beside denoised pictures, which the denoiser does not write, replace
+    /// neither inputs nor files that other settings made.
+    fn refuse_overwrite(&self, noisy: &Self, places: &Places, context: &Context) -> Result<()> {
+        let own = noisy.provenance(context);
+        let Self { overwrite, resume, .. } = *self;
+        if let Some([_, json]) = &places.captures {
+            protected::check(json)?;
+            if !overwrite {
+                earlier::spare_captures(json, &[], &own)?;
+            }
+        }
+        let policy = Policy { own: &own, keys: Keys::RENDERED, overwrite, resume };
+        self.pngs(places)?.iter().try_for_each(|(_, png)| {
+            protected::check(png)?;
+            policy.check(png)
+        })
+    }
+
+    /// Returns the denoised pictures with the PNGs beside them; none unless PNGs are asked for.
+    fn pngs(&self, places: &Places) -> Result<Vec<(PathBuf, PathBuf)>> {
+        let names = &places.names[1];
+        let pictures = match (self.png, Pattern::parse(names), self.frame_numbers()?) {
+            (false, ..) => Vec::new(),
+            (true, Some(pattern), Some(numbers)) => numbers.into_iter().map(|number| pattern.path(number)).collect(),
+            _ => vec![names.clone()],
+        };
+        let beside = |picture: PathBuf| {
+            let png = picture.with_extension("png");
+            (picture, png)
+        };
+        Ok(pictures.into_iter().map(beside).collect())
+    }
+
+    /// Writes the PNG of a denoised picture; one that failed has none.
+    fn write_png(&self, picture: &Path, png: &Path) -> Result<()> {
+        if !picture.exists() {
             return Ok(());
         }
-        let wanted = |number: &u32| self.frames.is_none_or(|frames| frames.numbers().any(|n| n == *number));
-        let pictures: Vec<PathBuf> = match Pattern::parse(names) {
-            Some(pattern) => pattern.numbers()?.into_iter().filter(wanted).map(|number| pattern.path(number)).collect(),
-            None => vec![names.to_owned()],
-        };
-        pictures.iter().try_for_each(|picture| {
-            let film = exr::read_film_within(picture, None, self.pictures.limits)?;
-            let attributes = exr::header(picture)?.attributes();
-            png::write_film(&picture.with_extension("png"), &film, self.tone_mapping(), &attributes)
-        })
+        let film = exr::read_film_within(picture, None, self.pictures.limits)?;
+        png::write_film(png, &film, self.tone_mapping(), &exr::header(picture)?.attributes())
     }
 }
 
