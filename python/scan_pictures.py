@@ -46,7 +46,7 @@ def main():
         render("ch2.nii.gz", "skin", "lit.exr", "--azimuth", 215, "--elevation", 12, *lit)
         render("ch2bet.nii.gz", "brain", "brain.exr", "--azimuth", 215, "--elevation", 25, *lit)
         panels = [folder / f"{name}.exr" for name in ("shaded", "lit", "brain")]
-        marks = ["--label", "A,B,C", "--orientation", "anatomical", "--scale-bar", "--length-unit", "mm", "--width", "1080px"]
+        marks = ["--label", "A,B,C", "--orientation", "anatomical", "--scale-bar", "--length-unit", "mm", "--width", "1200px", "--font-size", 5]
         cumulo("figure", *panels, *marks, "--overwrite", "-o", options.output)
 
 
