@@ -129,8 +129,7 @@ impl Reader<'_> {
         let views_by_name = header.views();
         let missing = |view: usize| no_counterpart(&beauty, views_by_name.get(view).map_or("", String::as_str));
         let whole = |(number, view): (usize, &View)| {
-            let layer =
-                header.counterpart(&beauty, number).ok_or_else(|| missing(number))?;
+            let layer = header.counterpart(&beauty, number).ok_or_else(|| missing(number))?;
             let target = self.of_layer(document, &layer)?.swap_remove(0);
             let planes = [0, 1, 2].map(|c| document.samples(target.part, target.channels[c]));
             let [r, g, b] = &planes;
