@@ -20,9 +20,10 @@ PEERS ?=
 setup: ## everything that the other targets may need
 	python/setup.sh
 
-build:
+build: ## the program, and the native module of the Python package beside its sources
 	python/setup.sh build
-	cargo build --release --locked
+	cargo build --release --locked --workspace
+	install -m 755 target/release/lib_native.so python/cumulo/_native.abi3.so
 
 demo: build
 ifneq ($(filter-out 0,$(BLENDER)),)
@@ -35,8 +36,7 @@ endif
 # A file's tests share what they render, so that they stay with one process.
 PARALLEL := --numprocesses 2 --dist loadfile
 
-test: setup
-	cargo build --release --locked
+test: setup build
 	cargo test --release --locked --workspace
 	.venvs/bpy/bin/python -m pytest $(PARALLEL) python/tests --ignore python/tests/usd --ignore python/tests/mitsuba --ignore python/tests/imaging
 	.venvs/usd/bin/python -m pytest python/tests/usd

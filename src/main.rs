@@ -8,5 +8,5 @@ static ALLOCATOR: cumulo::process::Allocator = cumulo::process::Allocator;
 fn main() -> ExitCode {
     // The build states it, `make build` for one. Read here, it costs the linking of the program when it changes, and no
     // more.
-    cumulo::cli::main(option_env!("CUMULO_COMMIT"))
+    ExitCode::from(cumulo::cli::main(std::env::args_os().collect(), option_env!("CUMULO_COMMIT")))
 }

@@ -1,14 +1,17 @@
-"""The Python side of Cumulo: thin over the program's `--json`.
+"""Cumulo in Python: volumes between OpenVDB, Blender, USD and EXR, rendered, differentiated and reconstructed.
 
     import cumulo
     made = cumulo.render("smoke.vdb", "shots", views=32, density_scale="auto")
     found = cumulo.reconstruct.density(made.output, "found.vdb")
     print(found.train_psnr_db, cumulo.diff("smoke.vdb", "found.vdb").grids[0].psnr_db)
 
-Functions run one command each and return its report as a dataclass (`results`). What the program refuses
-raises `CumuloError` with its message and its hint; a check that finds a difference is a result, not an
-error. `arrays` turns grids and pictures into NumPy arrays and back, `plots` draws reports with
-matplotlib (`pip install cumulo[plots]`), `testing` is a pytest plugin for render regression tests.
+Functions run one command each, in this process, and return its report as a dataclass (`results`). What is refused
+raises `CumuloError` with its `code`, `path` and `remedy`; a check that finds a difference is a result, not an error.
+
+`arrays` reads and writes grids and pictures as NumPy arrays. `pictures` renders arrays and gives derivatives, `torch`
+makes that an operation of PyTorch (`import cumulo.torch`), and `fields` says what arrays stand for: `Lattice`, `Cameras`
+and transfer functions. `plots` draws reports with matplotlib (`pip install cumulo[plots]`), `testing` is a pytest plugin
+for render regression tests.
 
 `capture` reads and writes multi-view captures, `exr` pictures; `transfer` has transfer functions, of Blender's color ramps
 too, and `usd` writes and checks stages.
@@ -18,8 +21,13 @@ and captures, `noise` measures how noisy pictures of Cycles are, `padding` surro
 empty voxels that Cycles needs.
 """
 
-from . import reconstruct, transfer, usd
+import importlib as _importlib
+import sys as _sys
+from typing import Any as _Any
+
+from . import _native, reconstruct, transfer, usd
 from .commands import (
+    call,
     compare,
     compare_statistical,
     convert,
@@ -28,6 +36,7 @@ from .commands import (
     diff,
     figure,
     gradient,
+    help,
     info,
     merge,
     motion,
@@ -38,14 +47,21 @@ from .commands import (
     view,
     viewpoint,
 )
-from .run import CumuloError, program
+from .errors import CumuloError
+from .fields import Cameras, Gaussians, Lattice, Piecewise, Texture
 
-__version__ = "0.1.0"
-"""Version of the package, which is that of the program that it was written for."""
+__version__ = _native.__version__
+"""Version of the package."""
 
 __all__ = [
+    "Cameras",
     "CumuloError",
+    "Gaussians",
+    "Lattice",
+    "Piecewise",
+    "Texture",
     "__version__",
+    "call",
     "compare",
     "compare_statistical",
     "convert",
@@ -54,12 +70,12 @@ __all__ = [
     "diff",
     "figure",
     "gradient",
+    "help",
     "info",
     "merge",
     "motion",
     "plan",
     "pose",
-    "program",
     "reconstruct",
     "render",
     "transfer",
@@ -68,3 +84,14 @@ __all__ = [
     "view",
     "viewpoint",
 ]
+
+# Grids of points are tried in a process of their own before they are read here.
+if _sys.executable:
+    _native.set_helper(_sys.executable, ["-m", "cumulo"])
+
+
+def __getattr__(name: str) -> _Any:
+    """Modules that import NumPy are imported when they are asked for."""
+    if name in ("arrays", "capture", "exr", "pictures", "plots"):
+        return _importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Grids and pictures as NumPy arrays. The program reads and writes the files; this module has no format of its own.
+"""Grids and pictures as NumPy arrays. The library reads and writes the files.
 
 Axis order: volumes are `array[x, y, z]` (vectors `array[x, y, z, component]`), pictures
 `array[row, column, channel]` with row 0 at the top, scene-linear and premultiplied. All are float32.
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from . import _native
 from .commands import convert
 from .options import Option, Path
 
@@ -51,11 +52,21 @@ class Picture:
     layer: str = ""
 
 
-def read_volume(path: Path, grid: str | None = None, **options: Any) -> Volume:
-    """Reads a grid of a VDB: the named one, the only one, or `density`.
+def read_volume(path: Path, grid: str | None = None, *, max_memory: int | str | None = None, **scan: Option) -> Volume:
+    """Reads a grid of a VDB, a NanoVDB or a scan: the named one, the only one, or `density`.
 
+    `max_memory` bounds the array's bytes (2**31, or "2G"; default: half of the machine's memory). `scan` are the options
+    of `cumulo convert` that place scans: `voxel_size`, `origin`, `transform`, `time_point` and the like.
     Raises `CumuloError` if the file or the grid cannot be read, or the array would exceed `max_memory`.
     """
+    if scan or isinstance(max_memory, str):
+        return _converted(path, grid, {**scan, "max_memory": max_memory})
+    values, transform, name, low, background = _native.read_volume(path, grid, None, max_memory)
+    return Volume(values, np.array(transform), name, tuple(low), tuple(background))
+
+
+def _converted(path: Path, grid: str | None, options: dict[str, Any]) -> Volume:
+    """Reads a grid by a conversion, which takes all options."""
     with tempfile.TemporaryDirectory(prefix="cumulo-") as folder:
         array = pathlib.Path(folder) / "grid.npy"
         made = convert(path, array, grid=grid, **options)

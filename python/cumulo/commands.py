@@ -1,9 +1,10 @@
 """The program's commands as functions.
 
-Arguments that are not named here go to the command as options: `max_bounces=4` is `--max-bounces=4`, True a
-flag, a list the option repeated, a tuple numbers joined by commas. `cumulo COMMAND --help` lists them. Every
-function takes `progress` (True: the program's messages go to stderr; a function: receives them line by line)
-and raises `CumuloError` where the program refuses.
+Commands run in this process, on threads of their own and without Python's lock. Arguments that are not named here go to
+the command as options: `max_bounces=4` is `--max-bounces=4`, True a flag, a list the option repeated, a tuple numbers
+joined by commas. `help(command)` gives the text that lists them. Every function takes `progress` (True: bars and remarks;
+a function: receives the events, see `cumulo.progress`) and `threads`, obeys Ctrl-C, and raises `CumuloError` where the
+command refuses or a part of its work fails.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ import os
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
-from . import results
+from . import _native, results
+from .errors import CumuloError
 from .options import Option, Path, extent, word, words
-from .run import Progress, call
+from .progress import Progress, listener
 
 R = TypeVar("R", bound=results.Report)
 
@@ -23,8 +25,28 @@ R = TypeVar("R", bound=results.Report)
 ENVELOPE = ("version", "command")
 
 
+def call(*arguments: object, progress: Progress = False, threads: int | None = None) -> dict[str, Any]:
+    """Runs a command by the words of a command line, such as `call("diff", "a.vdb", "b.vdb")`, and returns its document
+    of `--json`. A check that finds a difference is no error: the document says what differs.
+
+    Raises CumuloError, KeyboardInterrupt after Ctrl-C, and what `progress` raises.
+    """
+    said, code = _native.run([word(argument) for argument in arguments], listener(progress), threads or 0)
+    document: dict[str, Any] = json.loads(said)
+    if code not in (0, 1):
+        failed = document.get("failed") or document.get("files") or []
+        raise CumuloError("frames-failed", f"{len(failed)} parts of the work failed", report=document)
+    return document
+
+
+def help(command: str = "") -> str:
+    """The text of `cumulo COMMAND --help`, of a command such as "reconstruct density"; without one that of all."""
+    said, _ = _native.run([*command.split(), "--help"])
+    return str(said)
+
+
 def report(kind: type[R], command: Sequence[str], arguments: Sequence[Path], options: dict[str, Option],
-           progress: bool | Progress = False) -> R:  # fmt: skip
+           progress: Progress = False) -> R:  # fmt: skip
     """Runs a command and returns its report. Positional arguments stand after `--`, so that no name is an option.
 
     Raises TypeError for an argument that is no path, such as a list of several.
@@ -36,15 +58,15 @@ def report(kind: type[R], command: Sequence[str], arguments: Sequence[Path], opt
                 " expected (str or os.PathLike); call the function for each file, or, where it takes several, pass them"
                 " one by one: f(*files)"
             )
+    threads = options.pop("threads", None)
     positional = ["--", *(word(argument) for argument in arguments)]
-    _, out = call([*command, *words(options), "--json", *positional], progress=progress)
-    document = json.loads(out)
+    document = call(*command, *words(options), *positional, progress=progress, threads=threads)  # type: ignore[arg-type]
     return kind.of({key: value for key, value in document.items() if key not in ENVELOPE})
 
 
 def render(scene: Path, output: Path, *, views: int | None = None, size: tuple[int, int] | str | None = None,
            density_scale: float | str | None = None, samples: int | None = None, seed: int | None = None,
-           cameras: Path | None = None, progress: bool | Progress = False, **options: Option) -> results.Rendered:  # fmt: skip
+           cameras: Path | None = None, progress: Progress = False, **options: Option) -> results.Rendered:  # fmt: skip
     """Renders a volume (VDB) or a scene (JSON) from many sides into a capture in the folder `output`.
 
     `size` is (width, height) in pixels, `density_scale` extinction per unit of density and world length or
@@ -55,20 +77,20 @@ def render(scene: Path, output: Path, *, views: int | None = None, size: tuple[i
     return report(results.Rendered, ["render"], [scene], {**named, **options}, progress)
 
 
-def pose(capture: Path, volume: Path, output: Path, *, progress: bool | Progress = False, **options: Option) -> results.Posed:
+def pose(capture: Path, volume: Path, output: Path, *, progress: Progress = False, **options: Option) -> results.Posed:
     """Finds where cameras stood from their pictures and the volume in them; writes the new capture's JSON."""
     return report(results.Posed, ["pose"], [capture], {"volume": volume, "output": output, **options}, progress)
 
 
 def viewpoint(volume: Path, output: Path, *, density_scale: float | str | None = None,
-              size: tuple[int, int] | str | None = None, progress: bool | Progress = False,
+              size: tuple[int, int] | str | None = None, progress: Progress = False,
               **options: Option) -> results.Viewpoints:  # fmt: skip
     """Finds the viewpoints from which a volume shows most; writes a capture's JSON."""
     named = {"output": output, "density_scale": density_scale, "size": extent(size)}
     return report(results.Viewpoints, ["viewpoint"], [volume], {**named, **options}, progress)
 
 
-def denoise(frames: Path, output: Path, *, motion: str | None = None, progress: bool | Progress = False,
+def denoise(frames: Path, output: Path, *, motion: str | None = None, progress: Progress = False,
             **options: Option) -> results.Denoised:  # fmt: skip
     """Denoises a sequence in time, or one picture. Frames are named by a pattern, `in.####.exr`; `motion` says where the
     motion is: `files:motion.####.exr`, or as `cumulo denoise --help` has it."""
@@ -76,26 +98,26 @@ def denoise(frames: Path, output: Path, *, motion: str | None = None, progress: 
 
 
 def figure(pictures: Sequence[Path], output: Path, *, title: str | None = None, label: Sequence[str] = (),
-           progress: bool | Progress = False, **options: Option) -> results.Figure:  # fmt: skip
+           progress: Progress = False, **options: Option) -> results.Figure:  # fmt: skip
     """Composes a figure from pictures: an SVG, a PDF or a PNG, as the name of `output` says."""
     named = {"output": output, "title": title, "label": ",".join(label) or None}
     return report(results.Figure, ["figure"], [*pictures], {**named, **options}, progress)
 
 
-def merge(pictures: Sequence[Path], output: Path, *, progress: bool | Progress = False,
+def merge(pictures: Sequence[Path], output: Path, *, progress: Progress = False,
           **options: Option) -> results.Merged:  # fmt: skip
     """Joins path-traced pictures of the same scene and view that were rendered apart."""
     return report(results.Merged, ["merge"], [*pictures], {"output": output, **options}, progress)
 
 
-def motion(volume: Path, cameras: Path, output: Path, *, progress: bool | Progress = False,
+def motion(volume: Path, cameras: Path, output: Path, *, progress: Progress = False,
            **options: Option) -> results.Motion:  # fmt: skip
     """Writes the motion, in pixels, of what pictures of a volume show, as frames `out.####.exr`."""
     return report(results.Motion, ["motion"], [volume], {"cameras": cameras, "output": output, **options}, progress)
 
 
 def compare(a: Path, b: Path, *, tolerance: float | None = None, layer: str | None = None, heatmap: Path | None = None,
-            progress: bool | Progress = False, **options: Option) -> results.Comparison:  # fmt: skip
+            progress: Progress = False, **options: Option) -> results.Comparison:  # fmt: skip
     """Compares two EXR pictures, or two sequences; the second is the reference. They agree if no sample differs by
     more than `tolerance` (scene-linear)."""
     named = {"tolerance": tolerance, "layer": layer, "heatmap": heatmap}
@@ -105,7 +127,7 @@ def compare(a: Path, b: Path, *, tolerance: float | None = None, layer: str | No
 def compare_statistical(a: Path, b: Path, *, repeat_a: Sequence[Path] = (), repeat_b: Sequence[Path] = (),
                         noiseless: str | None = None, tolerance: float | None = None, false_alarm: float | None = None,
                         tile: int | None = None, layer: str | None = None, heatmap: Path | None = None,
-                        progress: bool | Progress = False, **options: Option) -> results.Statistics:  # fmt: skip
+                        progress: Progress = False, **options: Option) -> results.Statistics:  # fmt: skip
     """Tests whether two noisy pictures have the same expected values, within `tolerance`.
 
     The noise of a side is known from further renders by other seeds (`repeat_a`, `repeat_b`), from its layers
@@ -120,19 +142,19 @@ def compare_statistical(a: Path, b: Path, *, repeat_a: Sequence[Path] = (), repe
     return report(results.Statistics, ["compare"], [a, b], {**named, **options}, progress)
 
 
-def diff(a: Path, b: Path, *, progress: bool | Progress = False, **options: Option) -> results.Difference:
+def diff(a: Path, b: Path, *, progress: Progress = False, **options: Option) -> results.Difference:
     """Compares the grids of two VDBs."""
     return report(results.Difference, ["diff"], [a, b], options, progress)
 
 
-def info(file: Path, *, progress: bool | Progress = False, **options: Option) -> results.FileInfo:
+def info(file: Path, *, progress: Progress = False, **options: Option) -> results.FileInfo:
     """Tells what is in one file: the grids of a VDB, the layers of an EXR, the cameras of a capture. Of several files it
     is called for each: `[cumulo.info(file) for file in files]`."""
     return report(results.Files, ["info"], [file], options, progress).files[0]
 
 
 def view(*files: Path, output: Path, size: int | None = None, grid: str | None = None, density_scale: float | str | None = None,
-         progress: bool | Progress = False, **options: Option) -> results.Viewed:  # fmt: skip
+         progress: Progress = False, **options: Option) -> results.Viewed:  # fmt: skip
     """Draws what is in files as contact sheets: volumes, pictures, captures and sequences.
 
     `output` is the PNG of the sheet, or of several files the folder of their sheets. `size` is the longer side of each
@@ -142,31 +164,31 @@ def view(*files: Path, output: Path, size: int | None = None, grid: str | None =
     return report(results.Viewed, ["view"], files, {**named, **options}, progress)
 
 
-def validate(*files: Path, progress: bool | Progress = False, **options: Option) -> results.Validation:
+def validate(*files: Path, progress: Progress = False, **options: Option) -> results.Validation:
     """Tells what is wrong with files, and what to do about it."""
     return report(results.Validation, ["validate"], files, options, progress)
 
 
-def convert(source: Path, output: Path, *, grid: str | list[str] | None = None, progress: bool | Progress = False,
+def convert(source: Path, output: Path, *, grid: str | list[str] | None = None, progress: Progress = False,
             **options: Option) -> results.Converted:  # fmt: skip
     """Converts VDB to VDB (with edits), VDB to .npy and back, EXR to .npy and back; see `arrays` for NumPy."""
     return report(results.Converted, ["convert"], [source, output], {"grid": grid, **options}, progress)
 
 
-def convert_capture(source: Path, output: Path, *, progress: bool | Progress = False, **options: Option) -> dict[str, Any]:
+def convert_capture(source: Path, output: Path, *, progress: Progress = False, **options: Option) -> dict[str, Any]:
     """Takes over a capture of another program (COLMAP, instant-ngp, nerfstudio); returns the report as a dict."""
     found = report(results.Report, ["capture", "convert"], [source], {"output": output, **options}, progress)
     return found.json
 
 
 def plan(scene: Path, *, views: int | None = None, size: tuple[int, int] | str | None = None,
-         progress: bool | Progress = False, **options: Option) -> results.Plan:  # fmt: skip
+         progress: Progress = False, **options: Option) -> results.Plan:  # fmt: skip
     """Tells which effects `render` would simulate, what they cost and how much radiance is left out at most."""
     return report(results.Plan, ["plan"], [scene], {"views": views, "size": extent(size), **options}, progress)
 
 
 def gradient(scene: Path, *, wrt: str, loss: str, views: int | None = None, size: tuple[int, int] | str | None = None,
-             check: bool = False, progress: bool | Progress = False, **options: Option) -> results.Gradient:  # fmt: skip
+             check: bool = False, progress: Progress = False, **options: Option) -> results.Gradient:  # fmt: skip
     """Differentiates a loss on pictures of a volume with respect to `wrt` ("camera", "density", ...); `check`
     compares the derivatives with difference quotients."""
     named: dict[str, Option] = {"wrt": wrt, "loss": loss, "views": views, "size": extent(size), "check": check}

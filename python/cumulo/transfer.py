@@ -13,18 +13,17 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pathlib
 import tempfile
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from .commands import report
 from .options import Option, Path
+from .progress import Progress
 from .results import Preset, Presets, Suggestion, Transfer
-from .run import Progress
 
 # Position and color of a knot.
 Knot = tuple[float, tuple[float, ...]]
@@ -34,7 +33,7 @@ STEPS = 256
 
 
 def convert(source: Path, output: Path | None = None, *, preset: str | None = None, range: tuple[float, float] | None = None,
-            extinction: float | None = None, unit_distance: float | None = None, progress: bool | Progress = False,
+            extinction: float | None = None, unit_distance: float | None = None, progress: Progress = False,
             **options: Option) -> Transfer:  # fmt: skip
     """Tells what a transfer function holds, and writes it as `.tf.json` where `output` is given.
 
@@ -48,7 +47,7 @@ def convert(source: Path, output: Path | None = None, *, preset: str | None = No
 
 
 def suggest(volume: Path, output: Path | None = None, *, candidate: int | None = None, sheet: Path | None = None,
-            grid: str | None = None, progress: bool | Progress = False, **options: Option) -> Suggestion:  # fmt: skip
+            grid: str | None = None, progress: Progress = False, **options: Option) -> Suggestion:  # fmt: skip
     """Finds the boundaries between the materials of a VDB, NanoVDB or scan, and functions that show them.
 
     The function `candidate`, a number from 1 (None: all boundaries together), is written as `.tf.json` where `output` is
@@ -72,9 +71,9 @@ def transfer_from_color_ramp(ramp: Any, domain: Sequence[float] = (0.0, 1.0), ex
     those are no ascending densities, or no finite extinction from zero on.
     """
     low, high = map(float, domain)
-    if not (np.isfinite([low, high]).all() and low < high):
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ValueError(f"domain {domain}: two ascending densities are expected")
-    if not (np.isfinite(extinction) and extinction >= 0):
+    if not (math.isfinite(extinction) and extinction >= 0):
         raise ValueError(f"extinction {extinction}: a finite number from zero on is expected")
     points = [
         # Both ends of the domain exactly. Cardinal curves swing below zero.
@@ -106,6 +105,8 @@ def _knots(ramp: Any) -> list[Knot]:
     elif ramp.interpolation == "LINEAR" and ramp.color_mode == "RGB":
         knots = elements
     else:
+        import numpy as np
+
         # Elements are evaluated from either side: they are where curves have kinks, and, two in one
         # place, steps.
         exact = {np.float32(at) for at, _ in elements}

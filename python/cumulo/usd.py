@@ -5,11 +5,11 @@ from __future__ import annotations
 from .commands import report
 from .options import Option, Path
 from .results import Authored, Linted
-from .run import Progress
+from .progress import Progress
 
 
 def author(source: Path, output: Path, *, renderer: str | None = None, density_scale: float | None = None,
-           camera: Path | None = None, progress: bool | Progress = False, **options: Option) -> Authored:  # fmt: skip
+           camera: Path | None = None, progress: Progress = False, **options: Option) -> Authored:  # fmt: skip
     """Writes a stage (`.usda`) of a VDB, a sequence such as `smoke.####.vdb`, or a scene file.
 
     `renderer` selects the material ("arnold", "cycles", "materialx"; by default the stage has none selected),
@@ -19,7 +19,7 @@ def author(source: Path, output: Path, *, renderer: str | None = None, density_s
     return report(Authored, ["usd", "author"], [source], {**named, **options}, progress)
 
 
-def lint(*stages: Path, fix: Path | None = None, progress: bool | Progress = False, **options: Option) -> Linted:
+def lint(*stages: Path, fix: Path | None = None, progress: Progress = False, **options: Option) -> Linted:
     """Tells what is wrong with stages, and what to do about it. `fix` is a layer (`.usda`) to be written over the only
     stage, which removes the faults that have one remedy. Raises CumuloError where a stage cannot be read."""
     return report(Linted, ["usd", "lint"], stages, {"fix": fix, **options}, progress)

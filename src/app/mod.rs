@@ -13,6 +13,7 @@
 //! assert!(error.to_string().starts_with("'iterations' is 0"), "{error}");
 //! ```
 
+pub mod arrays;
 pub mod capture;
 pub mod checks;
 pub mod compare;

@@ -4,7 +4,6 @@ use super::output::Output;
 use super::run::Run;
 use crate::error::Result;
 use clap_complete::Shell;
-use std::process::ExitCode;
 
 /// Print the script by which a shell completes commands and options
 #[derive(Debug, clap::Args)]
@@ -15,10 +14,10 @@ pub(crate) struct Completions {
 }
 
 impl Run for Completions {
-    fn run(&self, output: &Output) -> Result<ExitCode> {
+    fn run(&self, output: &Output) -> Result<u8> {
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut super::command(), "cumulo", &mut script);
         output.plain(&String::from_utf8_lossy(&script))?;
-        Ok(ExitCode::SUCCESS)
+        Ok(0)
     }
 }

@@ -9,6 +9,7 @@ mod convert;
 mod denoise;
 mod diff;
 mod document;
+pub mod embedded;
 mod figure;
 mod flags;
 mod gradient;
@@ -68,7 +69,6 @@ use reconstruct::Reconstruct;
 use run::Run;
 use std::ffi::{OsStr, OsString};
 use std::io::Write;
-use std::process::ExitCode;
 use study::Study;
 use usd::UsdCommand;
 
@@ -241,13 +241,12 @@ fn path_of(matches: &ArgMatches) -> String {
     words.join(" ")
 }
 
-/// Runs the program and returns its exit code: 0 success, 1 a check found something, 2 an error, and 128 with a
+/// Runs the program on the words of a command line, its own name first, and returns its exit code: 0 success, 1 a check found something, 2 an error, and 128 with a
 /// signal's number, such as 130 of Ctrl-C, for work that was stopped. Errors are printed, as JSON too with `--json`.
 /// `commit` is the one that the program was built from, if the build knew it.
-pub fn main(commit: Option<&str>) -> ExitCode {
+pub fn main(words: Vec<OsString>, commit: Option<&str>) -> u8 {
     version::of_commit(commit);
     speak_as(flags::option);
-    let words: Vec<OsString> = std::env::args_os().collect();
     let json = words.iter().take_while(|word| *word != "--").any(|word| word == "--json");
     let arguments = match Arguments::read(words.clone()) {
         Ok(arguments) => arguments,
@@ -258,7 +257,7 @@ pub fn main(commit: Option<&str>) -> ExitCode {
         Err(error) => {
             document::error(&error);
             progress::tell(&error);
-            ExitCode::from(if error.kind() == Kind::Cancelled { cancel::code() } else { 2 })
+            if error.kind() == Kind::Cancelled { cancel::code() } else { 2 }
         }
     }
 }
@@ -291,7 +290,7 @@ fn takes_value(command: &clap::Command, word: &str) -> bool {
 
 /// Prints what a command line that could not be read is told: its mistake, or the help that it asked for. The mistake
 /// is a document of `command`, too, if there is one.
-fn refused(mut usage: clap::Error, command: Option<String>) -> ExitCode {
+fn refused(mut usage: clap::Error, command: Option<String>) -> u8 {
     // The list has commands that are hidden from people.
     usage.remove(ContextKind::ValidSubcommand);
     let printed = usage.print();
@@ -299,9 +298,9 @@ fn refused(mut usage: clap::Error, command: Option<String>) -> ExitCode {
         return match printed {
             Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
                 let _ = writeln!(std::io::stderr(), "cumulo: {}", Error::io("standard output", error));
-                ExitCode::from(2)
+                2
             }
-            _ => ExitCode::SUCCESS,
+            _ => 0,
         };
     }
     if let Some(command) = command {
@@ -309,7 +308,7 @@ fn refused(mut usage: clap::Error, command: Option<String>) -> ExitCode {
         let mistake = Error::invalid(mistake(&usage.render().to_string())).coded(Code::Usage);
         document::error(&mistake.hint(SEE_HELP));
     }
-    ExitCode::from(2)
+    2
 }
 
 /// Advice to those whose command line could not be read.
@@ -326,7 +325,7 @@ fn mistake(text: &str) -> String {
 ///
 /// # Errors
 /// Those of the subcommand; the caller prints them and exits with 2.
-fn run(arguments: Arguments) -> Result<ExitCode> {
+fn run(arguments: Arguments) -> Result<u8> {
     if arguments.global.json {
         document::begin(&arguments.path);
         process::on_end(document::error);

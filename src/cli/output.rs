@@ -11,7 +11,7 @@ use serde::Serialize;
 use std::fmt::Display;
 use std::io::Write;
 use std::ops::Deref;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Standard output for a subcommand's report, and the context that its work runs in.
 #[derive(Debug, Clone)]
@@ -20,6 +20,8 @@ pub(crate) struct Output {
     /// Words of the subcommand.
     command: Arc<str>,
     context: Context,
+    /// Receives what would be printed, for a caller in this process.
+    kept: Option<Arc<Mutex<String>>>,
 }
 
 impl Deref for Output {
@@ -37,7 +39,12 @@ impl Output {
         let terminal = Terminal::new(global.progress, global.quiet, global.verbose);
         let context = Context::new(terminal).stopped_by(cancel::requested(), cancel::overdue());
         let context = context.of(&words.collect::<Vec<_>>().join(" "));
-        Self { json: global.json, command: command.into(), context }
+        Self { json: global.json, command: command.into(), context, kept: None }
+    }
+
+    /// Creates the output of a command whose document is put into `kept`, and whose work runs in a context.
+    pub(super) fn kept(command: &str, context: Context, kept: Arc<Mutex<String>>) -> Self {
+        Self { json: true, command: command.into(), context, kept: Some(kept) }
     }
 
     /// True if reports are printed as JSON.
@@ -55,8 +62,10 @@ impl Output {
             return print(&printable_lines(&report.to_string()));
         }
         let document = Document { version: VERSION, command: &self.command, report };
-        document::reported();
-        print(&printable_json(&serde_json::to_string_pretty(&document).map_err(failed)?))
+        if self.kept.is_none() {
+            document::reported();
+        }
+        self.plain(&printable_json(&serde_json::to_string_pretty(&document).map_err(failed)?))
     }
 
     /// Prints what has a form of its own, with and without `--json`: a script of a shell, a schema.
@@ -64,7 +73,11 @@ impl Output {
     /// # Errors
     /// If standard output cannot be written.
     pub(crate) fn plain(&self, text: &str) -> Result<()> {
-        print(text)
+        match &self.kept {
+            Some(kept) => kept.lock().unwrap_or_else(PoisonError::into_inner).push_str(text),
+            None => print(text)?,
+        }
+        Ok(())
     }
 }
 

@@ -6,7 +6,6 @@ use super::output::Output;
 use crate::app::{Report, Status, UseCase};
 use crate::error::Result;
 use crate::formats::limits::Limits;
-use std::process::ExitCode;
 
 /// A command that was read.
 pub(super) trait Run {
@@ -18,11 +17,11 @@ pub(super) trait Run {
         Ok(Limits::default().max_memory)
     }
 
-    /// Does the work and reports.
+    /// Does the work and reports; returns the exit code.
     ///
     /// # Errors
     /// Those of the work.
-    fn run(&self, output: &Output) -> Result<ExitCode>;
+    fn run(&self, output: &Output) -> Result<u8>;
 }
 
 impl<U: UseCase> Run for U {
@@ -32,7 +31,7 @@ impl<U: UseCase> Run for U {
         Ok(memory.limits().max_memory)
     }
 
-    fn run(&self, output: &Output) -> Result<ExitCode> {
+    fn run(&self, output: &Output) -> Result<u8> {
         told(&UseCase::run(self, output)?, output)
     }
 }
@@ -41,12 +40,12 @@ impl<U: UseCase> Run for U {
 ///
 /// # Errors
 /// If standard output cannot be written, or the report is of work of which parts failed without a word.
-pub(super) fn told(report: &impl Report, output: &Output) -> Result<ExitCode> {
+pub(super) fn told(report: &impl Report, output: &Output) -> Result<u8> {
     output.report(report)?;
     Ok(match report.status()? {
-        Status::Success => ExitCode::SUCCESS,
-        Status::Found => ExitCode::from(1),
-        Status::Incomplete => ExitCode::from(2),
-        Status::Stopped => ExitCode::from(cancel::code()),
+        Status::Success => 0,
+        Status::Found => 1,
+        Status::Incomplete => 2,
+        Status::Stopped => cancel::code(),
     })
 }

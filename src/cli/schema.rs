@@ -7,7 +7,6 @@ use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
 use schemars::Schema as JsonSchema;
-use std::process::ExitCode;
 
 /// Print the JSON schema of a kind of file, or of what a command writes with --json
 ///
@@ -81,10 +80,10 @@ kinds! {
 }
 
 impl Run for Schema {
-    fn run(&self, output: &Output) -> Result<ExitCode> {
+    fn run(&self, output: &Output) -> Result<u8> {
         let text = serde_json::to_string_pretty(&self.kind.schema()).map_err(|e| Error::invalid(e.to_string()))?;
         output.plain(&text)?;
-        Ok(ExitCode::SUCCESS)
+        Ok(0)
     }
 }
 

@@ -6,7 +6,6 @@ use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb;
 use std::io::{Read, Write};
-use std::process::ExitCode;
 
 /// Read a grid on standard input and drop it
 #[derive(Debug, clap::Args)]
@@ -20,7 +19,7 @@ impl Run for TryGrid {
     }
 
     /// Reads the grid, and prints an error on standard error without the file's name, which the calling process knows.
-    fn run(&self, _: &Output) -> Result<ExitCode> {
+    fn run(&self, _: &Output) -> Result<u8> {
         let _ = rustix::process::setrlimit(
             rustix::process::Resource::Core,
             rustix::process::Rlimit { current: Some(0), maximum: Some(0) },
@@ -29,10 +28,10 @@ impl Run for TryGrid {
         let mut bytes = Vec::new();
         let read = std::io::stdin().lock().take(self.max_memory).read_to_end(&mut bytes).map_err(Error::system);
         Ok(match read.and_then(|_| vdb::try_grid(bytes, limits)) {
-            Ok(()) => ExitCode::SUCCESS,
+            Ok(()) => 0,
             Err(error) => {
                 let _ = write!(std::io::stderr(), "{}", error.what());
-                ExitCode::from(2)
+                2
             }
         })
     }

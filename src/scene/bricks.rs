@@ -64,6 +64,19 @@ impl<V: Voxel> Bricks<V> {
         Self { domain: self.domain, ..empty }
     }
 
+    /// Hides the bricks that hold nothing but 0, so that rays pass them by. Pictures stay as they are, and derivatives
+    /// with respect to voxels of such bricks are left out.
+    #[must_use]
+    pub fn hiding_empty(mut self) -> Self
+    where
+        V: PartialEq,
+    {
+        let empty = V::default();
+        let filled: Vec<bool> = self.values.par_chunks(BRICK).map(|brick| brick.iter().any(|v| *v != empty)).collect();
+        self.topology = Arc::new(self.topology.masked(|brick| filled[brick]));
+        self
+    }
+
     /// World-space box of all cells.
     pub fn world_bounds(&self) -> Aabb {
         self.transform.box_to_world(self.topology.bounds())

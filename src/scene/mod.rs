@@ -1,12 +1,14 @@
 //! Description of the scene: volumes, media, transfer functions, cameras and pictures. No module here knows a file
 //! format or a renderer.
 
+pub mod active;
 pub mod aim;
 pub mod albedo;
 pub mod bricks;
 pub mod camera;
 pub mod capture;
 pub mod color_space;
+pub mod dense;
 pub mod display;
 pub mod emission;
 pub mod environment;

@@ -16,7 +16,6 @@ use crate::error::{Error, Result};
 use crate::formats::sequence::Frames;
 use std::io::IsTerminal;
 use std::path::PathBuf;
-use std::process::ExitCode;
 use terminal::Graphics;
 
 /// Look at files: volumes, pictures, captures and sequences, each as one contact sheet
@@ -97,7 +96,7 @@ impl Run for View {
     }
 
     /// Writes the sheets or shows them, and reports.
-    fn run(&self, output: &Output) -> Result<ExitCode> {
+    fn run(&self, output: &Output) -> Result<u8> {
         if self.settings.output.is_some() {
             return Run::run(&self.settings, output);
         }

@@ -5,3 +5,4 @@ pub mod footprint;
 pub mod objective;
 pub mod partition;
 pub mod pictures;
+pub mod views;

@@ -2,18 +2,16 @@
 //! precision. (The loops of reconstructions are in [`pictures`](super::pictures): `f32`, local losses, compiled for
 //! each instruction set.)
 
+use super::views::{Cotangent, RUN, Views};
 use crate::cancel::Cancel;
 use crate::differentiate::loss::{Loss, Reach, Rgba};
 use crate::dual::Dual;
 use crate::real::Real;
 use crate::render::composited::{Composited, Pixel};
-use crate::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient, Seeds};
-use crate::render::differentiable::{Differentiable, Forward};
-use crate::render::film::Subpixels;
+use crate::render::differentiable::{Adjoint, Differentiable, Forward, ParameterGradient};
 use crate::render::tiles;
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// A loss on pictures: the mean over the cameras.
@@ -77,23 +75,20 @@ pub enum Direction<V> {
 pub trait ForwardInAll: Forward<1> + Forward<2> + Forward<6> + Forward<7> {}
 impl<I: Forward<1> + Forward<2> + Forward<6> + Forward<7>> ForwardInAll for I {}
 
-/// Pixels processed in one run.
-const RUN: usize = 256;
-/// Number of gradient accumulators, for any number of threads; they are added in order.
-const PARTS: usize = 4;
-
 /// Derivatives of an objective with respect to one picture's pixels.
-enum Cotangents<'s> {
+enum Cotangents {
     /// Derivatives that are computed pixel by pixel, times this factor.
     Local(f64),
     /// Derivatives of all pixels, computed in advance.
-    Global(&'s [Rgba]),
+    Global(Vec<Rgba>),
 }
 
 impl Objective<'_> {
     /// Returns the value of the objective.
     pub fn value<I: Differentiable>(&self, renderer: &Composited<I>) -> f64 {
-        let of = |view: usize| self.loss.picture(&self.picture(renderer, view), self.target(view), self.width(view)).0;
+        let of = |view: usize| {
+            self.loss.picture(&self.picture(renderer, view), self.target(view), self.views().width(view)).0
+        };
         (0..self.cameras.len()).map(of).sum::<f64>() / self.cameras.len() as f64
     }
 
@@ -104,46 +99,40 @@ impl Objective<'_> {
         adjoint: Adjoint,
         active: ActiveParameters,
     ) -> Gradient<I::Voxel> {
-        let zero = || Gradient {
-            voxels: if active.voxels {
-                vec![I::Voxel::default(); renderer.medium.field().values.len()]
-            } else {
-                Vec::new()
-            },
-            table: active.knots.map_or_else(TableGradient::default, TableGradient::of_knots),
-            cameras: vec![CameraGradient::default(); self.cameras.len()],
-            ..Gradient::default()
-        };
-        let mut parts: Vec<Gradient<I::Voxel>> = (0..PARTS).map(|_| zero()).collect();
-        let mut value = 0.0;
+        let views = self.views();
+        let (mut value, mut cotangents) = (0.0, Vec::new());
         for view in 0..self.cameras.len() {
             let (global, precomputed) = self.global(renderer, view);
             value += global;
-            let cotangents = self.cotangents(view, precomputed.as_deref());
-            let runs = tiles::runs(self.pixels(view), RUN);
-            tiles::partitions(
-                &mut parts,
-                &Cancel::NEVER,
-                |part| tiles::dealt(&runs, part, PARTS),
-                |_| I::Scratch::default(),
-                |own, tape, run| {
-                    run.clone().for_each(|i| {
-                        self.pixel_reverse(renderer, (adjoint, active), (view, i), &cotangents, own, tape)
-                    });
-                },
-            );
+            cotangents.push(self.cotangents(view, precomputed));
         }
-        let mut total = zero();
-        total.value = value;
-        for part in parts {
-            total.value += part.value;
-            total.voxels.par_iter_mut().zip(part.voxels).for_each(|(t, v)| *t += v);
-            total.table.add(&part.table);
-            total.cameras.iter_mut().zip(&part.cameras).for_each(|(t, c)| *t = t.plus(c));
-            total.step += part.step;
-            total.shared = total.shared.plus(&part.shared);
-        }
+        let mut total = views.accumulate(renderer, active, |view, i, own, tape| {
+            let mut value = 0.0;
+            let mut loss = |rendered: &Pixel<I::Real>| {
+                let (loss, cotangent) = self.pixel(view, i, &rendered.rgba().map(Real::f64), &cotangents[view]);
+                value += loss;
+                cotangent.map(I::Real::of)
+            };
+            let cotangent = match &cotangents[view] {
+                Cotangents::Global(all) => Cotangent::Known(all[i]),
+                Cotangents::Local(_) if self.rays_per_edge <= 1 => Cotangent::Of(&mut loss),
+                // Of several rays the mean must be known first.
+                local => {
+                    let (loss, cotangent) = self.pixel(view, i, &views.pixel(renderer, (view, i), tape), local);
+                    own.value += loss;
+                    Cotangent::Known(cotangent)
+                }
+            };
+            views.pixel_reverse(renderer, (adjoint, active), (view, i), cotangent, own, tape);
+            own.value += value;
+        });
+        total.value += value;
         total
+    }
+
+    /// Returns the pictures that the loss is one of.
+    fn views(&self) -> Views<'_> {
+        Views { cameras: self.cameras, rays_per_edge: self.rays_per_edge, cancel: &Cancel::NEVER }
     }
 
     /// Returns the value and its derivatives along directions, in forward mode with up to 7 directions per walk.
@@ -180,8 +169,9 @@ impl Objective<'_> {
             if self.loss.reach() == Reach::Global {
                 // Derivatives wait for the loss's: forward, no ray is walked again.
                 let forward =
-                    |tape: &mut I::Scratch, i: usize| self.pixel_forward(renderer, directions, (view, i), tape);
-                let pixels: Vec<[Dual<f64, P>; 4]> = self.each_pixel(view, I::Scratch::default, forward);
+                    |tape: &mut I::Scratch, i: usize| self.views().pixel_forward(renderer, directions, (view, i), tape);
+                let pixels: Vec<[Dual<f64, P>; 4]> =
+                    self.views().each_pixel(view, I::Scratch::default, forward).unwrap_or_default();
                 let rendered: Vec<Rgba> = pixels.iter().map(|p| p.map(|c| c.value)).collect();
                 let (value, cotangents) = self.of_picture(&rendered, view);
                 sum.value += value;
@@ -192,102 +182,23 @@ impl Objective<'_> {
             let of_run = |tape: &mut I::Scratch, run: &Range<usize>| {
                 let mut sum = Dual::<f64, P>::constant(0.0);
                 for i in run.clone() {
-                    let pixel = self.pixel_forward(renderer, directions, (view, i), tape);
+                    let pixel = self.views().pixel_forward(renderer, directions, (view, i), tape);
                     let (value, cotangent) = self.pixel(view, i, &pixel.map(|c| c.value), &cotangents);
                     sum.value += value;
                     add_along(&mut sum, &pixel, &cotangent);
                 }
                 sum
             };
-            let parts = tiles::map(&tiles::runs(self.pixels(view), RUN), &Cancel::NEVER, I::Scratch::default, of_run);
+            let parts =
+                tiles::map(&tiles::runs(self.views().pixels(view), RUN), &Cancel::NEVER, I::Scratch::default, of_run);
             sum = parts.into_iter().flatten().fold(sum, |sum, part| sum + part);
         }
         (sum.value, sum.tangent[..directions.len()].to_vec())
     }
 
-    /// Adds one pixel's value and derivatives to a gradient.
-    fn pixel_reverse<I: Differentiable>(
-        &self,
-        renderer: &Composited<I>,
-        (adjoint, active): (Adjoint, ActiveParameters),
-        (view, i): (usize, usize),
-        cotangents: &Cotangents<'_>,
-        own: &mut Gradient<I::Voxel>,
-        tape: &mut I::Scratch,
-    ) {
-        let (rays, share) = (self.positions(view, i), self.share());
-        // Of several rays the mean must be known first.
-        let precomputed = match cotangents {
-            Cotangents::Local(_) if self.rays_per_edge <= 1 => None,
-            Cotangents::Local(_) => {
-                let (value, cotangent) = self.pixel(view, i, &self.render_pixel(renderer, view, i, tape), cotangents);
-                own.value += value;
-                Some(cotangent)
-            }
-            Cotangents::Global(all) => Some(all[i]),
-        };
-        for [x, y] in rays {
-            let mut ray_gradient = RayGradient::default();
-            let to = Accumulators {
-                voxels: active.voxels.then_some(&mut own.voxels),
-                table: active.knots.is_some().then_some(&mut own.table),
-                ray: active.rays.then_some(&mut ray_gradient),
-                shared: &mut own.shared,
-            };
-            let camera = &self.cameras[view];
-            let value = &mut own.value;
-            let mut loss = |rendered: &Pixel<I::Real>| match precomputed {
-                Some(cotangent) => cotangent.map(|s| I::Real::of(share * s)),
-                None => {
-                    let (loss, cotangent) = self.pixel(view, i, &rendered.rgba().map(Real::f64), cotangents);
-                    *value += loss;
-                    cotangent.map(I::Real::of)
-                }
-            };
-            renderer.vjp(&camera.ray(x, y), &mut loss, adjoint, to, tape);
-            if active.rays {
-                let by_camera = camera.gradient(x, y, ray_gradient.origin, ray_gradient.direction);
-                own.cameras[view] = own.cameras[view].plus(&by_camera);
-                own.step += ray_gradient.step;
-            }
-        }
-    }
-
-    /// Returns one pixel with its derivatives along the directions.
-    fn pixel_forward<I: Forward<P>, const P: usize>(
-        &self,
-        renderer: &Composited<I>,
-        directions: &[Direction<I::Voxel>],
-        (view, i): (usize, usize),
-        tape: &mut I::Scratch,
-    ) -> [Dual<f64, P>; 4] {
-        let (rays, share) = (self.positions(view, i), self.share());
-        let camera = &self.cameras[view];
-        let mut mean = [Dual::<f64, P>::constant(0.0); 4];
-        for [x, y] in rays {
-            let mut seeds: Seeds<'_, I::Voxel, P> = Seeds::default();
-            for (p, direction) in directions.iter().enumerate() {
-                match direction {
-                    Direction::Camera(number, change) if *number == view => {
-                        let ray = camera.tangent(x, y, change);
-                        seeds.ray[p] = RayGradient { origin: ray.origin, direction: ray.direction, step: 0.0 };
-                    }
-                    Direction::Camera(..) => {}
-                    Direction::Step(change) => seeds.ray[p].step = *change,
-                    Direction::Shared(change) => seeds.shared[p] = *change,
-                    Direction::Table(change) => seeds.table[p] = Some(change),
-                    Direction::Voxels(change) => seeds.voxels[p] = Some(change),
-                }
-            }
-            let rendered = renderer.jvp(&camera.ray(x, y), &seeds, tape).rgba();
-            (0..4).for_each(|c| mean[c] = mean[c] + rendered[c].f64().linear(|v| share * v));
-        }
-        mean
-    }
-
     /// Returns value and derivatives that a pixel adds; the value is 0 for a global loss, which is added for the whole
     /// picture.
-    fn pixel(&self, view: usize, i: usize, rendered: &Rgba, cotangents: &Cotangents<'_>) -> (f64, Rgba) {
+    fn pixel(&self, view: usize, i: usize, rendered: &Rgba, cotangents: &Cotangents) -> (f64, Rgba) {
         let share = match cotangents {
             Cotangents::Global(all) => return (0.0, all[i]),
             Cotangents::Local(share) => *share,
@@ -314,18 +225,18 @@ impl Objective<'_> {
     /// Returns value and derivatives of a given picture, times the view's share.
     fn of_picture(&self, rendered: &[Rgba], view: usize) -> (f64, Vec<Rgba>) {
         let share = 1.0 / self.cameras.len() as f64;
-        let (value, mut cotangents) = self.loss.picture(rendered, self.target(view), self.width(view));
+        let (value, mut cotangents) = self.loss.picture(rendered, self.target(view), self.views().width(view));
         cotangents.iter_mut().flatten().for_each(|s| *s *= share);
         (share * value, cotangents)
     }
 
-    fn cotangents<'s>(&self, view: usize, precomputed: Option<&'s [Rgba]>) -> Cotangents<'s> {
+    fn cotangents(&self, view: usize, precomputed: Option<Vec<Rgba>>) -> Cotangents {
         match precomputed {
             Some(precomputed) => Cotangents::Global(precomputed),
             None => {
                 let count = match self.target(view) {
                     Some(target) => target.iter().filter(|p| p.iter().all(|v| v.is_finite())).count(),
-                    None => self.pixels(view),
+                    None => self.views().pixels(view),
                 };
                 Cotangents::Local(1.0 / (count.max(1) * self.cameras.len()) as f64)
             }
@@ -334,59 +245,11 @@ impl Objective<'_> {
 
     /// Renders the picture of a camera, row-major.
     pub fn picture<I: Differentiable>(&self, renderer: &Composited<I>, view: usize) -> Vec<Rgba> {
-        self.each_pixel(view, I::Scratch::default, |tape, i| self.render_pixel(renderer, view, i, tape))
-    }
-
-    /// Computes a value for each pixel of a view, by its row-major number.
-    fn each_pixel<S, T: Send>(
-        &self,
-        view: usize,
-        scratch: impl Fn() -> S + Sync + Send,
-        pixel: impl Fn(&mut S, usize) -> T + Sync + Send,
-    ) -> Vec<T> {
-        let run = |scratch: &mut S, run: &Range<usize>| run.clone().map(|i| pixel(scratch, i)).collect::<Vec<T>>();
-        let runs = tiles::map(&tiles::runs(self.pixels(view), RUN), &Cancel::NEVER, scratch, run);
-        runs.into_iter().flatten().flatten().collect()
-    }
-
-    /// Returns the mean over a pixel's rays.
-    fn render_pixel<I: Differentiable>(
-        &self,
-        renderer: &Composited<I>,
-        view: usize,
-        i: usize,
-        tape: &mut I::Scratch,
-    ) -> Rgba {
-        let (rays, share) = (self.positions(view, i), self.share());
-        let mut mean = [0.0; 4];
-        for [x, y] in rays {
-            let pixel = renderer.pixel_on(&self.cameras[view].ray(x, y), tape).rgba();
-            (0..4).for_each(|c| mean[c] += share * pixel[c].f64());
-        }
-        mean
-    }
-
-    /// Returns the image positions of a pixel's rays.
-    fn positions(&self, view: usize, i: usize) -> impl Iterator<Item = [f64; 2]> + use<> {
-        let width = self.width(view);
-        Subpixels::new(self.rays_per_edge).positions([i % width, i / width])
-    }
-
-    /// Returns the weight of one ray in its pixel.
-    fn share(&self) -> f64 {
-        1.0 / Subpixels::new(self.rays_per_edge).count() as f64
+        self.views().picture(renderer, view).unwrap_or_default()
     }
 
     fn target(&self, view: usize) -> Option<&[Rgba]> {
         self.targets.get(view).map(Vec::as_slice)
-    }
-
-    fn width(&self, view: usize) -> usize {
-        self.cameras[view].width as usize
-    }
-
-    fn pixels(&self, view: usize) -> usize {
-        self.width(view) * self.cameras[view].height as usize
     }
 }
 

@@ -29,7 +29,7 @@ impl Setting {
     ///
     /// # Errors
     /// As [`Transfer::table`].
-    pub(crate) fn medium(&self) -> Result<Medium> {
+    pub fn medium(&self) -> Result<Medium> {
         let source = match &self.transfer {
             Some(transfer) => Source::Transfer(Arc::new(transfer.table()?)),
             None => self.source.clone(),

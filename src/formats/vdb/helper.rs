@@ -7,6 +7,7 @@
 use super::ffi;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use std::ffi::OsString;
 use std::io::{Read, Write};
 use std::os::unix::process::ExitStatusExt;
 use std::path::PathBuf;
@@ -25,12 +26,18 @@ const PATIENCE: Duration = Duration::from_secs(120);
 /// Largest number of bytes of the helper's message that are read.
 const MOST_WORDS: u64 = 4096;
 
-static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+/// The helper program, and the words that come before [`SUBCOMMAND`].
+static PROGRAM: OnceLock<(PathBuf, Vec<OsString>)> = OnceLock::new();
 
 /// Names the helper program that tries grids of points, which is `cumulo` itself, wherever it is installed. Only the
 /// first call counts. Without it such grids are refused.
 pub fn set_program(path: PathBuf) {
-    let _ = PROGRAM.set(path);
+    set_command(path, Vec::new());
+}
+
+/// Names the helper program as [`set_program`] does, with words that make it one, such as `-m cumulo` of Python.
+pub fn set_command(path: PathBuf, words: Vec<OsString>) {
+    let _ = PROGRAM.set((path, words));
 }
 
 /// Tries the last grid of a file, whose bytes these are, in the helper process.
@@ -39,11 +46,12 @@ pub fn set_program(path: PathBuf) {
 /// If no helper is named, it cannot be started, or it does not end with success; the error holds its message, or the
 /// signal that ended it.
 pub(super) fn rehearse(file: &[u8], limits: Limits) -> Result<()> {
-    let Some(program) = PROGRAM.get() else {
+    let Some((program, words)) = PROGRAM.get() else {
         return Err(Error::unsupported("grids of points are read by a helper process first, and none was named")
             .hint("call formats::vdb::helper::set_program with the path of the program cumulo"));
     };
     let started = Command::new(program)
+        .args(words)
         .arg(SUBCOMMAND)
         .arg(limits.max_memory.to_string())
         .stdin(Stdio::piped())

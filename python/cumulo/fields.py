@@ -1,0 +1,188 @@
+"""What arrays of voxels stand for: where their values lie, through which function they are seen, and from where.
+
+An array of a box has the shape [x, y, z], and its entry [i, j, k] is the value at the centre of a voxel. A pre-shaded
+volume has the shape [x, y, z, 4]: the radiance emitted per world length in red, green and blue, and the extinction.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+from . import _native
+from .options import Path
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from .capture import Camera
+
+
+class Lattice:
+    """Places of the values of an array: all voxels of a box (`Lattice.box`), or the active voxels of a grid
+    (`Lattice.read`), whose array has one axis.
+
+    `shape` is that of arrays of densities, `transform` the map from indices, those of voxel centres, to the world: four
+    rows of four numbers, acting on columns.
+    """
+
+    def __init__(self, native: Any) -> None:
+        self._native = native
+
+    @classmethod
+    def box(cls, shape: Sequence[int], *, voxel_size: float | None = None,
+            origin: Sequence[float] | None = None, transform: npt.ArrayLike | None = None,
+            max_memory: int | None = None) -> Lattice:  # fmt: skip
+        """Places of an array of the shape (x, y, z).
+
+        Give `voxel_size` (world units, default 1), and with it `origin`, the world position of the centre of voxel
+        [0, 0, 0] (default: the box is centred at the world's origin); or `transform`, [4, 4]. `max_memory` bounds the
+        memory in bytes that a call may take (default: half of the machine's). Raises `CumuloError`.
+        """
+        numbers = tuple(int(n) for n in shape[:3])
+        if transform is None:
+            size = 1.0 if voxel_size is None else float(voxel_size)
+            at = [-0.5 * size * (n - 1) for n in numbers] if origin is None else [float(v) for v in origin]
+            rows = [[size if r == c else 0.0 for c in range(3)] + [at[r]] for r in range(3)] + [[0.0, 0.0, 0.0, 1.0]]
+        else:
+            if voxel_size is not None or origin is not None:
+                raise TypeError("give transform, or voxel_size and origin, not both")
+            rows = [[float(v) for v in row] for row in transform]  # type: ignore[union-attr]
+        return cls(_native.Lattice.of_box(numbers, rows, max_memory))
+
+    @classmethod
+    def read(cls, path: Path, grid: str | None = None, *,
+             max_memory: int | None = None) -> tuple[Lattice, npt.NDArray[np.float32]]:  # fmt: skip
+        """The active voxels of a grid of a file: their places and their values, float32, [voxels]. All other voxels,
+        and the background, keep the file's values. Raises `CumuloError` if the file cannot be read as a density."""
+        native, values = _native.Lattice.of_grid(path, grid, max_memory)
+        return cls(native), values
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of arrays of densities."""
+        return tuple(self._native.shape)
+
+    @property
+    def transform(self) -> npt.NDArray[np.float64]:
+        """Map from indices to the world, [4, 4]."""
+        import numpy
+
+        return numpy.array(self._native.transform)
+
+    def coordinates(self) -> npt.NDArray[np.int32]:
+        """Index coordinates of a grid's active voxels, [voxels, 3]. Raises `CumuloError` for a box."""
+        return self._native.coordinates()
+
+
+@dataclasses.dataclass(frozen=True)
+class Texture:
+    """A transfer function of `texels`, [n, 4], evenly over the `domain` of densities: texel i lies at
+    low + (i + 1/2) (high - low) / n. It is linear between texels and constant outside the outermost. Columns are the
+    radiance of the source in red, green and blue, and the extinction per world unit at a density scale of 1."""
+
+    texels: Any
+    domain: tuple[float, float] = (0.0, 1.0)
+    kind: Literal["texture"] = dataclasses.field(default="texture", init=False)
+
+    @property
+    def parameters(self) -> Any:
+        """The array that pictures depend on."""
+        return self.texels
+
+
+@dataclasses.dataclass(frozen=True)
+class Piecewise:
+    """A transfer function that is linear between `points`, [n, 5], of ascending density: density, red, green, blue and
+    extinction. Two points of one density are a step."""
+
+    points: Any
+    kind: Literal["piecewise"] = dataclasses.field(default="piecewise", init=False)
+
+    @property
+    def parameters(self) -> Any:
+        """The array that pictures depend on."""
+        return self.points
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """Points name their densities themselves."""
+        return (0.0, 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Gaussians:
+    """A transfer function that is a sum of `lobes`, [n, 6]: density of the peak, logarithm of the standard deviation,
+    then red, green, blue and extinction at the peak. It is tabulated over the `domain` and constant outside."""
+
+    lobes: Any
+    domain: tuple[float, float] = (0.0, 1.0)
+    kind: Literal["gaussians"] = dataclasses.field(default="gaussians", init=False)
+
+    @property
+    def parameters(self) -> Any:
+        """The array that pictures depend on."""
+        return self.lobes
+
+
+Function = Texture | Piecewise | Gaussians
+
+
+@dataclasses.dataclass(frozen=True)
+class Cameras:
+    """Cameras whose pictures have one size.
+
+    `camera_to_world`: [views, 4, 4], rigid motions acting on columns; a camera looks down its -Z with +Y up. `focal`:
+    [views, 2], focal lengths along x and y in pixels (of orthographic cameras in pixels per world unit). `centre`:
+    [views, 2], principal points in pixels from the top left corner. `size`: (width, height) in pixels. `near`: distance
+    along the viewing axis before which nothing is seen, in world units. Arrays are NumPy's or, for derivatives with
+    respect to them, tensors.
+    """
+
+    camera_to_world: Any
+    focal: Any
+    centre: Any
+    size: tuple[int, int]
+    orthographic: bool = False
+    near: float = 0.0
+
+    @classmethod
+    def of(cls, cameras: Sequence[Camera]) -> Cameras:
+        """The cameras of a capture, such as those of `Capture.read(path).frames`. Raises ValueError where their
+        pictures, projections or near distances differ, since one call has one of each."""
+        import numpy
+
+        if not cameras:
+            raise ValueError("no cameras; one view at least is needed")
+        alike = {(c.width, c.height, c.orthographic, c.near or 0.0) for c in cameras}
+        if len(alike) > 1:
+            raise ValueError(f"cameras of {len(alike)} kinds {sorted(alike)}; call once for each size, projection and near")
+        [(width, height, orthographic, near)] = alike
+        return cls(
+            numpy.stack([c.camera_to_world for c in cameras]),
+            numpy.array([(c.fl_x, c.fl_y) for c in cameras]),
+            numpy.array([(c.cx, c.cy) for c in cameras]),
+            (width, height),
+            orthographic,
+            near,
+        )
+
+    @classmethod
+    def around(cls, lattice: Lattice, views: int, size: tuple[int, int], *, field_of_view: float = 40.0) -> Cameras:
+        """`views` perspective cameras on a sphere around the whole box of a lattice; `field_of_view` is that of the
+        picture's longer side in degrees."""
+        import numpy
+
+        from .capture import sphere_cameras
+
+        if len(lattice.shape) == 3:
+            low, high = numpy.zeros(3), numpy.array(lattice.shape) - 1.0
+        else:
+            at = lattice.coordinates()
+            low, high = at.min(0).astype(float), at.max(0).astype(float)
+        corners = numpy.array([[(low, high)[i >> a & 1][a] for a in range(3)] for i in range(8)])
+        world = corners @ lattice.transform[:3, :3].T + lattice.transform[:3, 3]
+        return cls.of(sphere_cameras(views, world.min(0), world.max(0), *size, math.radians(field_of_view)))

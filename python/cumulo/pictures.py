@@ -1,0 +1,197 @@
+"""Pictures of arrays along straight rays, and their derivatives, in NumPy. `cumulo.torch` makes them an operation of
+PyTorch.
+
+    lattice = Lattice.box(density.shape, voxel_size=0.1)
+    picture = pictures.render(density, Cameras.around(lattice, 4, (256, 256)), lattice=lattice, density_scale=2.0)
+
+Arrays are taken as they are: float32 or float64, in C order, on the processor, by NumPy or by DLPack. Others raise
+`CumuloError`; nothing is copied in silence. Pictures have the shape [views, rows, columns, 4] and the array's precision:
+scene-linear red, green and blue with the background, and alpha = 1 - transmittance.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _native
+from .errors import CumuloError
+from .fields import Cameras, Function, Lattice
+
+Array = npt.NDArray[Any]
+
+# Numbers that a camera's derivatives have: position, rotation, focal lengths, principal point.
+CAMERA_PARTS = 10
+
+
+def array(values: Any, what: str = "values") -> Array:
+    """An array as it is: float32 or float64, in C order, in the processor's memory.
+
+    Raises `CumuloError` (code "invalid") for anything else, with what to do.
+    """
+
+    def wrong(found: str, remedy: str) -> CumuloError:
+        return CumuloError("invalid", f"{found}; an array of float32 or float64 in C order is expected", None, what, remedy)
+
+    if not isinstance(values, np.ndarray):
+        if not hasattr(values, "__dlpack__"):
+            raise wrong(f"an object of type {type(values).__name__}", "give a NumPy array, or an object with __dlpack__")
+        device = getattr(values, "__dlpack_device__", lambda: (1, 0))()
+        if int(device[0]) != 1:
+            raise wrong(f"an array on another device ({values.device})", "copy it to the processor first: array.cpu()")
+        try:
+            values = np.from_dlpack(values)
+        except (BufferError, RuntimeError, TypeError, ValueError) as error:
+            raise wrong(f"an object that DLPack cannot give ({error})", "give array.detach().cpu().contiguous()") from error
+    if values.dtype not in (np.float32, np.float64):
+        raise wrong(f"an array of {values.dtype}", "convert it: array.astype(numpy.float32)")
+    if not values.dtype.isnative:
+        raise wrong("an array in the other byte order", "convert it: array.astype(array.dtype.newbyteorder('='))")
+    if not values.flags.c_contiguous:
+        raise wrong(f"an array of strides {values.strides}", "copy it: numpy.ascontiguousarray(array), or tensor.contiguous()")
+    if not values.flags.aligned:
+        raise wrong("an array that is not aligned", "copy it: array.copy()")
+    return values
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """What the native module is given: places, values, cameras and medium."""
+
+    lattice: Any
+    values: Array
+    cameras: Any
+    medium: Any
+    how: dict[str, Any]
+
+    def render(self) -> Array:
+        """The pictures."""
+        return _native.render(self.lattice, self.values, self.cameras, self.medium, **self.how)
+
+
+def prepared(values: Any, cameras: Cameras, *, lattice: Lattice | None = None, function: Function | None = None,
+             density_scale: float = 1.0, emission: Any = (0.0, 0.0, 0.0), emission_model: str = "grey",
+             background: Any = (0.0, 0.0, 0.0), quadrature: str | None = None, step: float | None = None,
+             supersample: int = 1, threads: int | None = None) -> Prepared:  # fmt: skip
+    """Checks what `render` is given."""
+    values = array(values)
+    pre_shaded = values.ndim == 4
+    places = Lattice.box(values.shape[:3]) if lattice is None and values.ndim >= 3 else lattice
+    if places is None:
+        raise CumuloError("invalid", f"an array of shape {values.shape} without a lattice", None, "values",
+                          "give an array [x, y, z], or the lattice of which it holds the values")  # fmt: skip
+    expected = places.shape + ((4,) if pre_shaded else ())
+    if values.shape != expected:
+        raise CumuloError("invalid", f"an array of shape {values.shape} for a lattice of {expected}", None, "values",
+                          "give one value for each voxel; of a pre-shaded volume [x, y, z, 4]")  # fmt: skip
+    if pre_shaded and function is not None:
+        raise CumuloError("invalid", "a transfer function for a pre-shaded volume", None, "function",
+                          "leave it out: the volume has colors and extinctions of its own")  # fmt: skip
+    if emission_model not in ("grey", "linear"):
+        raise CumuloError("invalid", f"an emission model {emission_model!r}", None, "emission_model", 'give "grey" or "linear"')
+    width, height = cameras.size
+    native = _native.Cameras(
+        matrix(cameras.camera_to_world), matrix(cameras.focal), matrix(cameras.centre), width, height,
+        cameras.orthographic, cameras.near,
+    )  # fmt: skip
+    if len(native) == 0:
+        raise CumuloError("invalid", "no cameras", None, "cameras", "give one at least")
+    medium = _native.Medium(
+        float(density_scale), triple(emission), emission_model == "linear",
+        None if function is None else (function.kind, matrix(function.parameters).reshape(-1)),
+        (0.0, 1.0) if function is None else function.domain, triple(background), quadrature,
+        None if step is None else float(step),
+    )  # fmt: skip
+    how = {"rays_per_edge": supersample, "threads": threads or 0, "pre_shaded": pre_shaded}
+    return Prepared(places._native, values, native, medium, how)
+
+
+def matrix(values: Any) -> npt.NDArray[np.float64]:
+    """Few numbers as float64, copied where they are not."""
+    if hasattr(values, "detach"):
+        values = values.detach().cpu().numpy()
+    return np.ascontiguousarray(values, dtype=np.float64)
+
+
+def triple(values: Any) -> list[float]:
+    """Red, green and blue."""
+    found = matrix(values).reshape(-1)
+    if found.shape != (3,):
+        raise CumuloError("invalid", f"{found.size} numbers of a color", None, None, "give red, green and blue")
+    return [float(v) for v in found]
+
+
+def render(values: Any, cameras: Cameras, *, lattice: Lattice | None = None, function: Function | None = None,
+           density_scale: float = 1.0, emission: Any = (0.0, 0.0, 0.0), emission_model: str = "grey",
+           background: Any = (0.0, 0.0, 0.0), quadrature: str | None = None, step: float | None = None,
+           supersample: int = 1, threads: int | None = None) -> Array:  # fmt: skip
+    """Renders an array: pictures [views, rows, columns, 4] in its precision. float32 gives the bits of `cumulo.render`.
+
+    `values`: densities [x, y, z], those of a grid's active voxels [voxels] with their `lattice`, or a pre-shaded volume
+    [x, y, z, 4]. `lattice`: places of the values (default: voxels of size 1 around the world's origin). `function`:
+    color and extinction by density; without it the extinction is `density_scale` times the density, which must not be
+    negative, and the source has the radiance `emission`, times the density with the `emission_model` "linear".
+    `background`: radiance behind the volume. `quadrature` and `step` (in voxels): as in `cumulo render --help`.
+    `supersample`: rays along each edge of a pixel. `threads`: default all cores; results do not depend on it.
+
+    Raises `CumuloError`, and KeyboardInterrupt within a second of Ctrl-C.
+    """
+    return prepared(
+        values, cameras, lattice=lattice, function=function, density_scale=density_scale, emission=emission,
+        emission_model=emission_model, background=background, quadrature=quadrature, step=step, supersample=supersample,
+        threads=threads,
+    ).render()  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Gradient:
+    """Derivatives of a loss: with respect to the values (of their shape), the parameters of the function (of theirs),
+    the cameras, density scale, emission, background and step.
+
+    `cameras`: [views, 10], position in world units, rotation vector about world axes through the position in radians,
+    focal lengths along x and y, principal point. What was not asked for is None.
+    """
+
+    values: Array | None
+    function: Array | None
+    cameras: Array | None
+    density_scale: float
+    emission: Array
+    background: Array
+    step: float | None
+
+
+def gradient(by_pictures: Any, values: Any, cameras: Cameras, *, wrt: tuple[str, ...] = ("values",), **settings: Any) -> Gradient:
+    """Derivatives of a loss from those with respect to the pictures, `by_pictures` [views, rows, columns, 4].
+
+    `wrt` names what is computed: "values", "function", "cameras" (with the step of a quadrature); the others cost
+    nothing. `settings` are those of `render`. Derivatives with respect to float32 pictures are float32.
+    """
+    unknown = set(wrt) - {"values", "function", "cameras"}
+    if unknown:
+        raise CumuloError("invalid", f"derivatives with respect to {sorted(unknown)}", None, "wrt",
+                          'give some of "values", "function", "cameras"')  # fmt: skip
+    given = prepared(values, cameras, **settings)
+    function = settings.get("function")
+    found = vjp(given, array(by_pictures, "by_pictures"), [name in wrt for name in ("values", "function", "cameras")])
+    return Gradient(
+        found["values"].reshape(given.values.shape) if "values" in wrt else None,
+        found["function"].reshape(np.shape(matrix(function.parameters))) if "function" in wrt and function else None,
+        found["cameras"] if "cameras" in wrt else None,
+        found["extinction"], np.array(found["emission"]), np.array(found["background"]),
+        found["step"] if "cameras" in wrt else None,
+    )  # fmt: skip
+
+
+def vjp(given: Prepared, by_pictures: Array, wanted: list[bool]) -> dict[str, Any]:
+    """The native module's derivatives."""
+    if by_pictures.dtype != given.values.dtype:
+        raise CumuloError("invalid", f"derivatives of {by_pictures.dtype} for pictures of {given.values.dtype}", None,
+                          "by_pictures", "convert them to the precision of the values")  # fmt: skip
+    if not np.isfinite(by_pictures).all():
+        raise CumuloError("invalid", "derivatives that are not finite", None, "by_pictures",
+                          "look for a division by zero, or a logarithm of zero, in the loss")  # fmt: skip
+    return _native.vjp(given.lattice, given.values, given.cameras, given.medium, by_pictures, *wanted, **given.how)

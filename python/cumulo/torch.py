@@ -1,0 +1,210 @@
+"""Pictures as an operation of PyTorch.
+
+    lattice = Lattice.box(density.shape, voxel_size=0.1)
+    picture = cumulo.torch.render(density, cameras, lattice=lattice, density_scale=2.0)
+    (picture[..., 3] - target).square().mean().backward()
+
+Whatever of the arguments requires a gradient gets one: densities or pre-shaded colors, the transfer function, cameras,
+density scale, emission, background and the quadrature's step; nothing else is computed. Rays are walked again in the
+backward pass, so that the memory does not depend on their number, nor on that of samples along them (Weiss & Westermann
+2021, section 4). `torch.func.jvp` gives derivatives in forward mode. There are no second derivatives.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from . import _native, pictures
+from .errors import CumuloError
+from .fields import Cameras, Function, Gaussians, Lattice, Piecewise, Texture
+
+__all__ = ["Cameras", "Gaussians", "Lattice", "Piecewise", "Texture", "look_at", "render"]
+
+# Places of the arguments of `Render.forward` that are tensors or None, behind the settings.
+INPUTS = ("values", "function", "camera_to_world", "focal", "centre", "density_scale", "emission", "background", "step")
+
+
+def render(values: Tensor, cameras: Cameras, *, lattice: Lattice | None = None, function: Function | None = None,
+           density_scale: float | Tensor = 1.0, emission: Any = (0.0, 0.0, 0.0), emission_model: str = "grey",
+           background: Any = (0.0, 0.0, 0.0), quadrature: str | None = None, step: float | Tensor | None = None,
+           supersample: int = 1, threads: int | None = None) -> Tensor:  # fmt: skip
+    """Renders a tensor: pictures [views, rows, columns, 4] in its precision (float32 or float64).
+
+    Arguments are those of `cumulo.pictures.render`; tensors among them may require a gradient: `values`, the parameters
+    of `function`, the `camera_to_world`, `focal` and `centre` of `cameras`, `density_scale`, `emission`, `background`
+    and `step`. Colors are rounded to float32. The derivative with respect to `camera_to_world` is that along rigid
+    motions: of matrices that are made by rotations and translations, such as those of `look_at`, it is exact.
+
+    Raises `CumuloError` for tensors on another device, of another type, or not in C order (`tensor.contiguous()`).
+    """
+    if not isinstance(values, Tensor):
+        raise CumuloError("invalid", f"an object of type {type(values).__name__}; a tensor is expected", None, "values",
+                          "give a torch.Tensor, or call cumulo.pictures.render")  # fmt: skip
+    settings = {
+        "lattice": lattice, "emission_model": emission_model, "quadrature": quadrature, "supersample": supersample,
+        "threads": threads, "size": cameras.size, "orthographic": cameras.orthographic, "near": cameras.near,
+        "kind": None if function is None else type(function),
+        "domain": None if function is None else function.domain,
+    }  # fmt: skip
+    return Render.apply(
+        settings, values, None if function is None else _tensor(function.parameters),
+        *map(_tensor, (cameras.camera_to_world, cameras.focal, cameras.centre, density_scale, emission, background)),
+        None if step is None else _tensor(step),
+    )  # fmt: skip
+
+
+def _tensor(value: Any) -> Tensor:
+    """A number or an array as a tensor; tensors as they are."""
+    return value if isinstance(value, Tensor) else torch.as_tensor(np.asarray(value, dtype=np.float64))
+
+
+def look_at(eye: Tensor, target: Any = (0.0, 0.0, 0.0), up: Any = (0.0, 0.0, 1.0)) -> Tensor:
+    """Camera-to-world matrices [..., 4, 4] of cameras at `eye` [..., 3] that look at `target`, with derivatives."""
+    target, up = (torch.as_tensor(v, dtype=eye.dtype).expand(eye.shape) for v in (target, up))
+    back = torch.nn.functional.normalize(eye - target, dim=-1)
+    right = torch.nn.functional.normalize(torch.linalg.cross(up, back), dim=-1)
+    columns = torch.stack([right, torch.linalg.cross(back, right), back, eye], dim=-1)
+    last = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=eye.dtype).expand(*eye.shape[:-1], 1, 4)
+    return torch.cat([columns, last], dim=-2)
+
+
+def _prepared(settings: dict[str, Any], inputs: tuple[Tensor | None, ...]) -> pictures.Prepared:
+    """The native module's arguments."""
+    values, function, camera_to_world, focal, centre, density_scale, emission, background, step = inputs
+    assert values is not None
+    made = None
+    if function is not None:
+        kind, parameters = settings["kind"], pictures.matrix(function)
+        made = kind(parameters) if kind is Piecewise else kind(parameters, settings["domain"])
+    cameras = Cameras(
+        *map(pictures.matrix, (camera_to_world, focal, centre)), settings["size"], settings["orthographic"], settings["near"]
+    )
+    names = ("lattice", "emission_model", "quadrature", "supersample", "threads")
+    return pictures.prepared(
+        values.detach(), cameras, function=made, density_scale=_number(density_scale, "density_scale"), emission=emission,
+        background=background, step=None if step is None else _number(step, "step"), **{name: settings[name] for name in names},
+    )  # fmt: skip
+
+
+def _number(value: Tensor | None, what: str) -> float:
+    assert value is not None
+    if value.numel() != 1:
+        raise CumuloError("invalid", f"{value.numel()} numbers", None, what, "give one number, or a tensor of one")
+    return float(value)
+
+
+class Render(torch.autograd.Function):
+    """Pictures; what they depend on is named by `INPUTS`."""
+
+    @staticmethod
+    def forward(settings: dict[str, Any], *inputs: Tensor | None) -> Tensor:  # type: ignore[override]
+        """The pictures."""
+        return torch.from_numpy(_prepared(settings, inputs).render())
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+        """Keeps what the derivatives depend on: no pictures, no samples."""
+        ctx.settings, *tensors = inputs
+        ctx.save_for_backward(*tensors)
+        ctx.save_for_forward(*tensors)
+
+    @staticmethod
+    def backward(ctx: Any, by_pictures: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+        """Derivatives of a loss from those with respect to the pictures."""
+        return (None, *Backward.apply(ctx.settings, ctx.needs_input_grad[1:], by_pictures, *ctx.saved_tensors))
+
+    @staticmethod
+    def jvp(ctx: Any, _: None, *tangents: Tensor | None) -> Tensor:  # type: ignore[override]
+        """Change of the pictures from those of the inputs."""
+        inputs = ctx.saved_tensors
+        given = _prepared(ctx.settings, inputs)
+        of = dict(zip(INPUTS, tangents))
+
+        def numbers(name: str, zero: Any) -> Any:
+            return zero if of[name] is None else pictures.matrix(of[name]).reshape(-1)
+
+        values, function = of["values"], of["function"]
+        found = _native.jvp(
+            given.lattice, given.values, given.cameras, given.medium,
+            None if values is None else pictures.array(values.detach().contiguous(), "tangent of values"),
+            None if function is None else pictures.matrix(function).reshape(-1),
+            _camera_changes(of, pictures.matrix(inputs[2])),
+            float(numbers("step", [0.0])[0]), float(numbers("density_scale", [0.0])[0]),
+            list(numbers("emission", [0.0] * 3)), list(numbers("background", [0.0] * 3)), **given.how,
+        )  # fmt: skip
+        return torch.from_numpy(found).to(inputs[0].dtype)
+
+
+def _camera_changes(of: dict[str, Tensor | None], matrices: np.ndarray[Any, Any]) -> Any:
+    """Changes of cameras, [views, 10], from those of their matrices, focal lengths and principal points."""
+    if of["camera_to_world"] is None and of["focal"] is None and of["centre"] is None:
+        return None
+    change = np.zeros((len(matrices), pictures.CAMERA_PARTS))
+    if of["camera_to_world"] is not None:
+        moved = pictures.matrix(of["camera_to_world"])
+        change[:, :3] = moved[:, :3, 3]
+        turned = moved[:, :3, :3] @ matrices[:, :3, :3].transpose(0, 2, 1)
+        change[:, 3:6] = 0.5 * np.stack([turned[:, a, b] - turned[:, b, a] for a, b in ((2, 1), (0, 2), (1, 0))], -1)
+    for name, at in (("focal", 6), ("centre", 8)):
+        if of[name] is not None:
+            change[:, at : at + 2] = pictures.matrix(of[name])
+    return change
+
+
+def _by_matrices(by: np.ndarray[Any, Any], matrices: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Derivatives with respect to matrices, [views, 4, 4], from those with respect to positions and rotations: the
+    transpose of `_camera_changes`."""
+    x, y, z = by[:, 3:6].T
+    zero = np.zeros_like(x)
+    cross = np.stack([np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], -2)
+    found = np.zeros_like(matrices)
+    found[:, :3, :3] = 0.5 * cross @ matrices[:, :3, :3]
+    found[:, :3, 3] = by[:, :3]
+    return found
+
+
+class Backward(torch.autograd.Function):
+    """Derivatives of pictures, whose own derivatives are refused by name."""
+
+    @staticmethod
+    def forward(settings: dict[str, Any], needed: tuple[bool, ...], by_pictures: Tensor,
+                *inputs: Tensor | None) -> tuple[Tensor | None, ...]:  # type: ignore[override]  # fmt: skip
+        """The derivatives that are needed."""
+        wants = dict(zip(INPUTS, needed))
+        rays = any(wants[name] for name in ("camera_to_world", "focal", "centre", "step"))
+        if not torch.isfinite(by_pictures).all():
+            # A loss that is not a number has no derivatives that are.
+            nothing = [torch.full_like(t, float("nan")) if t is not None and n else None for t, n in zip(inputs, needed)]
+            return tuple(nothing)
+        given = _prepared(settings, inputs)
+        found = pictures.vjp(given, by_pictures.detach().contiguous().numpy(), [wants["values"], wants["function"], rays])
+        by, matrices = found["cameras"], pictures.matrix(inputs[2])
+        all_of = {
+            "values": lambda: found["values"], "function": lambda: found["function"],
+            "camera_to_world": lambda: _by_matrices(by, matrices), "focal": lambda: by[:, 6:8], "centre": lambda: by[:, 8:10],
+            "density_scale": lambda: np.array(found["extinction"]), "emission": lambda: np.array(found["emission"]),
+            "background": lambda: np.array(found["background"]), "step": lambda: np.array(found["step"]),
+        }  # fmt: skip
+
+        def one(name: str, tensor: Tensor | None) -> Tensor | None:
+            if tensor is None or not wants[name]:
+                return None
+            return torch.from_numpy(np.ascontiguousarray(all_of[name]())).to(tensor.dtype).reshape(tensor.shape)
+
+        return tuple(one(name, tensor) for name, tensor in zip(INPUTS, inputs))
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
+        """Keeps nothing."""
+
+    @staticmethod
+    def backward(ctx: Any, *_: Any) -> Any:
+        """Refuses."""
+        raise NotImplementedError(
+            "cumulo.torch.render has no second derivatives: call backward without create_graph, or take difference"
+            " quotients of the first derivatives"
+        )

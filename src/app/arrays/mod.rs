@@ -1,0 +1,9 @@
+//! Volumes and pictures as arrays in memory: read from files, rendered, and differentiated.
+
+mod lattice;
+mod pictures;
+mod read;
+
+pub use lattice::{Lattice, Value};
+pub use pictures::{Derivatives, Differentiate, Tangents, Wanted, usual_quadrature};
+pub use read::{Volume, volume};
