@@ -1,7 +1,7 @@
 # Every target makes what it needs: Debian packages where they are missing, Python environments, the
 # program. A second run finds it all there.
 .DEFAULT_GOAL := demo
-.PHONY: demo test fuzz soak coverage check bench build setup share install deb addon clean
+.PHONY: demo test fuzz soak coverage check bench build setup share install deb wheel addon clean
 
 export CUMULO := $(CURDIR)/target/release/cumulo
 export PYTHONDONTWRITEBYTECODE := 1
@@ -101,8 +101,11 @@ deb: build share ## target/debian/cumulo_*.deb, for this release of Debian or Ub
 	command -v cargo-deb > /dev/null || cargo install --locked cargo-deb
 	cargo deb --no-build --locked
 
-addon: ## Blender's extension: install it from target/cumulo-addon.zip
-	/usr/bin/python3 python/addon/build.py target/cumulo-addon.zip
+wheel: ## target/wheels/cumulo-*.whl, with OpenVDB inside: `pip install` it on a machine that has none of it
+	python/wheel.sh
+
+addon: wheel ## Blender's extension with the wheel in it: install it from target/cumulo-addon.zip
+	/usr/bin/python3 python/addon/build.py target/cumulo-addon.zip --wheel target/wheels/*.whl
 
 clean:
 	rm -rf target demo-out .venvs

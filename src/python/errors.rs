@@ -7,6 +7,9 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 
+/// Advice on arguments that no command has.
+const SEE_HELP: &str = "cumulo.help() lists the commands, and cumulo.help(\"render\") the arguments of one, as options";
+
 /// Has settings named as arguments of Python's functions from now on.
 pub(crate) fn speak() {
     speak_as(|Mention { use_case, setting, value }| {
@@ -33,6 +36,7 @@ pub(crate) fn exception(py: Python<'_>, error: &Error) -> PyErr {
         let facts = error.facts();
         let what = as_arguments(&facts.what);
         let remedy = facts.remedy.map(|remedy| as_arguments(&remedy));
+        let remedy = remedy.or_else(|| (facts.code == Code::Usage).then(|| SEE_HELP.to_owned()));
         class.call1((facts.code.to_string(), what, facts.file, facts.part, remedy))
     };
     made().map_or_else(|error| error, PyErr::from_value)

@@ -22,8 +22,8 @@ const CAMERA: usize = 10;
 
 /// A value of an array as numbers.
 trait Numbers: Differentiate {
-    /// Returns the value's numbers.
-    fn numbers(self) -> impl Iterator<Item = Self::Real>;
+    /// Returns the numbers of values.
+    fn numbers(values: Vec<Self>) -> Vec<Self::Real>;
     /// Returns the values of numbers.
     fn values(numbers: &[Self::Real]) -> Vec<Self>;
 }
@@ -31,16 +31,16 @@ trait Numbers: Differentiate {
 macro_rules! numbers {
     ($($real:ty)*) => {
         $(impl Numbers for $real {
-            fn numbers(self) -> impl Iterator<Item = $real> {
-                std::iter::once(self)
+            fn numbers(values: Vec<$real>) -> Vec<$real> {
+                values
             }
             fn values(numbers: &[$real]) -> Vec<$real> {
                 numbers.to_vec()
             }
         }
         impl Numbers for [$real; 4] {
-            fn numbers(self) -> impl Iterator<Item = $real> {
-                self.into_iter()
+            fn numbers(values: Vec<[$real; 4]>) -> Vec<$real> {
+                values.into_flattened()
             }
             fn values(numbers: &[$real]) -> Vec<[$real; 4]> {
                 by_four(numbers).to_vec()
@@ -179,8 +179,7 @@ pub(crate) fn vjp<'py>(
                 let how = (wanted, given.rays_per_edge);
                 let found = <$value>::vjp(given.lattice, values, &given.setting, cotangents, how, &cancel)?;
                 let Derivatives { values, function, cameras, step, shared } = found;
-                let values: Vec<_> = values.into_iter().flat_map(Numbers::numbers).collect();
-                Ok((values, function, cameras, step, shared))
+                Ok((<$value>::numbers(values), function, cameras, step, shared))
             };
             let (values, function, cameras, step, shared) = done(py, given.threads, &cancel, work)?;
             let found = PyDict::new(py);

@@ -11,6 +11,7 @@ use crate::scene::dense::{Dense, End};
 use crate::scene::grid::Grid;
 use crate::scene::transfer::Transfer;
 use glam::{DVec4, Vec4};
+use rayon::prelude::*;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
@@ -240,14 +241,18 @@ impl Arranged {
     }
 }
 
+/// Values that are looked at in one go.
+const RUN: usize = 1 << 14;
+
 /// Refuses values that cannot be used.
 pub(super) fn checked<T: Value>(values: &[T], through_function: bool) -> Result<()> {
-    use rayon::prelude::*;
-    let first = values.par_iter().position_first(|v| v.fault(through_function).is_some());
-    let Some((at, fault)) = first.and_then(|at| values[at].fault(through_function).map(|fault| (at, fault))) else {
-        return Ok(());
-    };
-    let error = Error::invalid(format!("the volume's value at place {at} of {} {fault}", values.len()));
+    // Without branches, so that the whole run is looked at in a few instructions a value.
+    let faulty = |run: &[T]| run.iter().fold(false, |any, v| any | v.fault(through_function).is_some());
+    let Some(run) = values.par_chunks(RUN).position_first(faulty) else { return Ok(()) };
+    let from = run * RUN;
+    let fault = |at: usize| values[at].fault(through_function).map(|fault| (at, fault));
+    let Some((at, fault)) = (from..values.len().min(from + RUN)).find_map(fault) else { return Ok(()) };
+    let error = Error::invalid(format!("the value at place {at} of {} {fault}", values.len()));
     Err(error
         .hint("give finite values, and densities that are not negative (a softplus, or a clamp at 0, keeps them so)"))
 }

@@ -448,6 +448,10 @@ pub(super) fn nodes<R: Real>(
 
 /// Returns the largest magnitudes of second differences of a brick's values, along an axis and mixed over two.
 pub(super) fn roughness<R: Real>(values: &[R]) -> [R; 2] {
+    // Many bricks of a sparse volume are empty.
+    if values.iter().all(|v| *v == values[0]) {
+        return [R::ZERO; 2];
+    }
     let steps = [slot(1, 0, 0), slot(0, 1, 0), slot(0, 0, 1)];
     let mut most = [R::ZERO; 2];
     let mut note = |kind: usize, v: R| most[kind] = most[kind].greater(v.greater(-v));
