@@ -4,7 +4,9 @@
 use super::format::{FileKind, Format, ends_in};
 use super::imaging::options::ReadOption::{Array, Axes, Channel, Level, Placement, Series, Time};
 use super::imaging::write::{self, Target};
-use super::imaging::{self, ImageFormat, cvol, dicom, meta_image, mrc, nifti, nrrd, numpy, raw, tiff, vtk, zarr};
+use super::imaging::{
+    self, ImageFormat, cvol, dicom, meta_image, mitsuba, mrc, nifti, nrrd, numpy, raw, tiff, vtk, zarr,
+};
 use super::raster::{PictureFormat, jpeg, png as png_reader};
 use super::{colmap, png};
 use crate::error::{Code, Error, Result};
@@ -284,6 +286,22 @@ pub static FORMATS: &[&Format] = &[
             read: |path, options, _| cvol::open(path, options),
             options: &[Array],
             targets: &[],
+        }),
+    },
+    &Format {
+        name: ".vol",
+        phrase: "a grid of Mitsuba",
+        endings: &["vol"],
+        frames: true,
+        recognizes: |path, start| Ok(mitsuba::is_vol(path, start)),
+        kind: FileKind::Image(&ImageFormat {
+            read: |path, options, _| mitsuba::open(path, options).map(|image| vec![image]),
+            options: &[Placement],
+            targets: &[Target {
+                ending: "vol",
+                file: |path, grid, _, _| write::mitsuba::write(path, grid),
+                beside: None,
+            }],
         }),
     },
 ];

@@ -77,6 +77,34 @@ fn labels_stay_integers_and_leave_as_such() {
 }
 
 #[test]
+fn grids_of_mitsuba_are_scans_and_are_written() {
+    let work = Work::new();
+    std::fs::write(work.path("m.vol"), images::mitsuba(1, &images::values())).unwrap();
+    let made = work.json("convert m.vol m.vdb");
+    assert_eq!((&made["format"], &made["shape"]), (&json!(".vol"), &json!([5, 4, 3])));
+    work.json("convert m.vdb back.vol");
+    assert_eq!(std::fs::read(work.path("m.vol")).unwrap(), std::fs::read(work.path("back.vol")).unwrap());
+    assert_eq!(work.json("diff m.vol m.vdb")["same"], json!(true));
+    let report = work.json("convert m.vol far.vdb --spacing 2,3,4 --origin=1,1,1");
+    assert_eq!(report["grid"]["transform"][1], json!([0.0, 3.0, 0.0, 1.0]));
+    // Its box is no box.
+    let mut flat = images::mitsuba(1, &images::values());
+    flat[24..28].copy_from_slice(&f32::NAN.to_le_bytes());
+    std::fs::write(work.path("flat.vol"), flat).unwrap();
+    work.refused("convert flat.vol out.vdb", Code::Invalid, &["flat.vol", "NaN", "ascend", "--voxel-size"]);
+    work.json("convert flat.vol out.vdb --voxel-size 1");
+    work.json("info flat.vol");
+    // Voxels that are turned.
+    let turned = [images::nifti1(2, 1, (Some(images::oblique()), false), false, false), images::values()].concat();
+    std::fs::write(work.path("t.nii"), turned).unwrap();
+    work.json("convert t.nii t.vdb");
+    work.refused("convert t.vdb t.vol", Code::Unsupported, &["t.vol", "turned or sheared", "--resample", ".nrrd"]);
+    assert!(!work.path("t.vol").exists());
+    work.json("convert t.vdb straight.vdb --resample 0.75");
+    work.json("convert straight.vdb t.vol");
+}
+
+#[test]
 fn hounsfield_units_become_densities() {
     let work = Work::new();
     // 60 values from air to bone, none of which is 0.

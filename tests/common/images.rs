@@ -5,7 +5,7 @@ use base64::engine::general_purpose::STANDARD;
 use cumulo::formats::format::FileKind;
 use cumulo::formats::imaging::ImageFormat;
 use cumulo::formats::imaging::write::Target;
-use cumulo::formats::registry;
+use cumulo::formats::{registry, sample};
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use glam::{DMat3, DMat4, DQuat, DVec3, EulerRot};
@@ -278,6 +278,20 @@ pub fn format_of(name: &str) -> &'static ImageFormat {
     }
 }
 
+/// Grid of Mitsuba in an encoding, of 32-bit (1) or half floats (2), in the box of the straight voxels.
+pub fn mitsuba(encoding: i32, values: &[u8]) -> Vec<u8> {
+    let mut file = b"VOL\x03".to_vec();
+    let sizes = SIZE.map(|n| n as i32);
+    [encoding, sizes[0], sizes[1], sizes[2], 1].iter().for_each(|n| file.extend(n.to_le_bytes()));
+    let map = straight();
+    for corner in [DVec3::splat(-0.5), DVec3::from_array(SIZE.map(|n| n as f64 - 0.5))] {
+        map.transform_point3(corner).as_vec3().to_array().iter().for_each(|v| file.extend(v.to_le_bytes()));
+    }
+    let sample = if encoding == 1 { sample::Sample::F32 } else { sample::Sample::F16 };
+    sample.encode(&values.iter().map(|v| f64::from(*v)).collect::<Vec<_>>(), &mut file);
+    file
+}
+
 /// All forms in which images are written.
 pub fn targets() -> impl Iterator<Item = &'static Target> {
     registry::FORMATS.iter().flat_map(|format| match format.kind {
@@ -315,6 +329,10 @@ pub fn samples() -> Vec<Sample> {
         sample("legacy VTK, binary", vec![("b.vtk", legacy(true, false))], "", axes, 0.0),
         sample("legacy VTK, cells", vec![("c.vtk", legacy(true, true))], "", axes, 0.0),
     ];
+    all.extend([(1, "m.vol"), (2, "h.vol")].map(|(encoding, name)| {
+        let title = if encoding == 1 { "Mitsuba" } else { "Mitsuba, half floats" };
+        sample(title, vec![(name, mitsuba(encoding, &values()))], "", axes, 0.0)
+    }));
     all.extend(xml(map, double));
     all.extend(apart(map, double));
     all

@@ -1,4 +1,5 @@
-//! Images keep their voxels where they are: through every reader, and through every writer and reader in turn.
+//! Images keep their voxels where they are: through every reader, and through every writer and reader in turn. Grids of
+//! Mitsuba have floats along the world's axes alone, and tests of their own.
 
 use crate::common::images::{self, SIZE, oblique, samples, value};
 use cumulo::formats::imaging::image::Image;
@@ -102,10 +103,12 @@ fn every_writer_and_reader_in_turn_keep_labels_and_places() {
         assert_eq!(native.info().unwrap().value_type, "int32", "{target:?}");
         (native, from)
     };
-    for first in images::targets() {
+    // Grids of Mitsuba hold neither labels nor turned voxels.
+    let targets = || images::targets().filter(|target| target.ending != "vol");
+    for first in targets() {
         for axes in [Axes::Xyz, Axes::Zyx] {
             let (once, _) = pass(&start, first, axes);
-            for second in images::targets() {
+            for second in targets() {
                 let (twice, map) = pass(&once, second, axes);
                 // Directions and spacings are parted and multiplied again in formats of doubles: coordinates below 64 round
                 // by a few units in the last place, twice. NIfTI-1 has single precision.
@@ -140,7 +143,8 @@ fn vectors_and_other_types_pass() {
             let again = built(&mut image, "v", to);
             let mut found = vec![0.0; values.len()];
             again.read_box(&place, &mut found).unwrap();
-            assert_eq!(found, values, "{target:?} {kind:?}");
+            let single = |v: &f64| if target.ending == "vol" { f64::from(*v as f32) } else { *v };
+            assert_eq!(found, values.iter().map(single).collect::<Vec<_>>(), "{target:?} {kind:?}");
         }
     }
 }
@@ -155,7 +159,7 @@ fn what_a_format_cannot_hold_is_said() {
     for target in images::targets() {
         let path = dir.path().join(format!("s.{}", target.ending));
         let written = target.write(&path, &source, "s", Axes::Xyz);
-        if target.ending == "vti" {
+        if ["vti", "vol"].contains(&target.ending) {
             let error = written.unwrap_err().to_string();
             assert!(error.contains("sheared") && error.contains("`convert.resample`") && !path.exists(), "{error}");
             continue;
@@ -168,4 +172,105 @@ fn what_a_format_cannot_hold_is_said() {
         let unit = if target.ending.starts_with("nii") { f64::from(f32::EPSILON) } else { f64::EPSILON };
         assert!(error(&image.header.index_to_world, source.index_to_world.matrix()) <= 64.0 * 4.0 * unit, "{target:?}");
     }
+}
+
+/// Target whose files are grids of Mitsuba.
+fn mitsuba() -> &'static Target {
+    images::targets().find(|target| target.ending == "vol").unwrap()
+}
+
+/// Writes a grid of Mitsuba; its notes and the file's image.
+fn through_mitsuba(native: &NativeGrid, path: &Path) -> (String, Image) {
+    let source = Source::new(native, Limits::default()).unwrap();
+    let notes = mitsuba().write(path, &source, "v", Axes::Xyz).unwrap().join("; ");
+    (notes, open(path, &Options::default()))
+}
+
+#[test]
+fn grids_of_mitsuba_keep_values_and_places_to_the_bit() {
+    let dir = tempfile::tempdir().unwrap();
+    let [first, second] = ["a.vol", "b.vol"].map(|name| dir.path().join(name));
+    for n in [1, 3] {
+        let kind = if n == 1 { ValueKind::Float } else { ValueKind::Vec3 };
+        // Thirds, a zero in the middle and a value that is no power of two's; single precision holds all.
+        let values: Vec<f64> =
+            (0..60 * n).map(|i| if i / n == 31 { 0.0 } else { f64::from((i as f32 - 20.5) / 3.0) }).collect();
+        let place = DenseBox { low: [0; 3], high: [4, 3, 2], strides: [n, 5 * n, 20 * n].map(|s| s as i64) };
+        let start = Affine::new(images::straight()).unwrap();
+        let mut native = NativeGrid::empty(kind, "v", GridClass::Unknown, &start).unwrap();
+        native.write_box(&place, &values, u64::MAX).unwrap();
+        let (notes, mut image) = through_mitsuba(&native, &first);
+        assert_eq!((notes.as_str(), image.header.index_to_world), ("", start));
+        let again = built(&mut image, "v", GridType::Auto);
+        let mut found = vec![0.0; values.len()];
+        again.read_box(&place, &mut found).unwrap();
+        assert_eq!(found, values);
+        through_mitsuba(&again, &second);
+        assert_eq!(std::fs::read(&first).unwrap(), std::fs::read(&second).unwrap());
+    }
+}
+
+#[test]
+fn boxes_that_no_double_holds_come_back_to_the_bit() {
+    let dir = tempfile::tempdir().unwrap();
+    let [first, second] = ["a.vol", "b.vol"].map(|name| dir.path().join(name));
+    // Voxels of 1/5, 1/4 and 1/3 of edges that are no fractions of powers of two.
+    let mut file = images::mitsuba(1, &images::values());
+    let corners = [-0.1_f32, 7.3, 1e4, 0.9, 7.7, 10_001.3];
+    corners.iter().enumerate().for_each(|(i, v)| file[24 + 4 * i..28 + 4 * i].copy_from_slice(&v.to_le_bytes()));
+    std::fs::write(&first, &file).unwrap();
+    let mut image = open(&first, &Options::default());
+    let (notes, again) = through_mitsuba(&grid(&mut image), &second);
+    assert_eq!((notes.as_str(), again.header.index_to_world), ("", image.header.index_to_world));
+    assert!(std::fs::read(&second).unwrap() == file);
+}
+
+#[test]
+fn mirrored_voxels_lie_where_they_did_in_grids_of_mitsuba() {
+    let dir = tempfile::tempdir().unwrap();
+    let mirrored = images::straight() * DMat4::from_scale(DVec3::new(-1.0, 1.0, -1.0));
+    let start = Affine::new(mirrored).unwrap();
+    let mut native = NativeGrid::empty(ValueKind::Float, "v", GridClass::Unknown, &start).unwrap();
+    let place = DenseBox { low: [0; 3], high: [4, 3, 2], strides: [1, 5, 20] };
+    let values: Vec<f64> = images::values().into_iter().map(f64::from).collect();
+    native.write_box(&place, &values, u64::MAX).unwrap();
+    let (notes, mut image) = through_mitsuba(&native, &dir.path().join("m.vol"));
+    assert!(notes.contains("reverse along x") && notes.contains("along z") && !notes.contains("along y"), "{notes}");
+    let map = image.header.index_to_world;
+    let again = grid(&mut image);
+    for (i, value) in values.iter().enumerate() {
+        let index = [i % 5, i / 5 % 4, i / 20];
+        let world = start.to_world(DVec3::from_array(index.map(|c| c as f64)));
+        let low = map.to_index(world).round().as_ivec3().to_array();
+        assert_eq!(map.to_world(DVec3::from_array(low.map(f64::from))), world);
+        let mut found = [0.0];
+        again.read_box(&DenseBox { low, high: low, strides: [1; 3] }, &mut found).unwrap();
+        assert_eq!(found[0], *value, "{index:?}");
+    }
+}
+
+#[test]
+fn what_grids_of_mitsuba_round_is_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("r.vol");
+    let place = DenseBox { low: [0; 3], high: [2, 0, 0], strides: [1; 3] };
+    let written = |map: DMat4, kind: ValueKind, values: [f64; 3]| {
+        let mut native = NativeGrid::empty(kind, "v", GridClass::Unknown, &Affine::new(map).unwrap()).unwrap();
+        native.write_box(&place, &values, u64::MAX).unwrap();
+        let source = Source::new(&native, Limits::default()).unwrap();
+        mitsuba().write(&path, &source, "v", Axes::Xyz).map(|notes| notes.join("; "))
+    };
+    let tenths = DMat4::from_scale(DVec3::splat(0.1));
+    let notes = written(tenths, ValueKind::Float, [1.0, 2.0, 3.0]).unwrap();
+    assert!(notes.contains("the box is held in single precision"), "{notes}");
+    let notes = written(DMat4::IDENTITY, ValueKind::Int32, [1.0, 16_777_217.0, 3.0]).unwrap();
+    assert!(notes.contains("integers become") && notes.contains("1 whole numbers"), "{notes}");
+    let notes = written(DMat4::IDENTITY, ValueKind::Double, [1e300, 0.1, 1e-300]).unwrap();
+    for words in ["64-bit floats are rounded", "1 values are too large", "1 values are too small"] {
+        assert!(notes.contains(words), "{notes} lacks {words}");
+    }
+    std::fs::remove_file(&path).unwrap();
+    let far = DMat4::from_translation(DVec3::splat(1e9)) * tenths;
+    let error = written(far, ValueKind::Float, [1.0, 2.0, 3.0]).unwrap_err();
+    assert!(error.to_string().contains("single precision") && error.remedy().is_some() && !path.exists(), "{error}");
 }

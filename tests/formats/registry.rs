@@ -35,6 +35,7 @@ fn beginnings() -> Vec<(&'static str, Vec<u8>)> {
             "NIfTI" => "NIfTI",
             "NRRD" => "NRRD",
             "MetaImage" => "MetaImage",
+            "Mitsuba" => ".vol",
             "TIFF" => "TIFF",
             "raw" => continue,
             _ => ".vti",

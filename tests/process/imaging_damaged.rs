@@ -194,6 +194,48 @@ fn numbers_without_a_meaning_are_refused() {
     refused("a.mhd", &meta("", "../s%d.raw 1 1 1"), "does not lie in the header's folder");
 }
 
+/// Headers of Mitsuba's grids that announce what is not there, or what is not read.
+#[test]
+fn headers_of_mitsuba_are_held_against_the_file() {
+    let whole = images::mitsuba(1, &images::values());
+    assert_eq!(opened("a.vol", &whole).unwrap(), "");
+    let with = |changes: &[(usize, i32)]| {
+        let mut bytes = whole.clone();
+        changes.iter().for_each(|(at, v)| bytes[*at..at + 4].copy_from_slice(&v.to_le_bytes()));
+        bytes
+    };
+    // 2^31 - 1 voxels along one axis, along all, and so many slices that a slice fits.
+    for sizes in [&[(8, i32::MAX)][..], &[(8, i32::MAX), (12, i32::MAX), (16, i32::MAX)], &[(16, 1 << 30)]] {
+        refused("a.vol", &with(sizes), "the file has 288 bytes; by its header its values end at byte");
+    }
+    for (at, value, words) in [
+        (8, 0, "0 x 4 x 3"),
+        (12, i32::MIN, "-2147483648"),
+        (20, 6, "6 channels"),
+        (20, -1, "-1 channels"),
+        (4, 0, "encoding 0"),
+        (4, 4, "quantized directions"),
+        (0, i32::from_le_bytes(*b"VOL\x04"), "version 4"),
+    ] {
+        refused("a.vol", &with(&[(at, value)]), words);
+    }
+    // Corners: not a number, infinite, no extent, the wrong way round.
+    for value in [f32::NAN, f32::INFINITY, 10.25, 9.0] {
+        refused("a.vol", &with(&[(36, value.to_bits() as i32)]), "the box of the grid");
+    }
+    refused("a.vol", &whole[..47], "47 bytes");
+    refused("a.vol", &whole[..whole.len() - 1], "287 bytes");
+    let empty: Vec<(usize, i32)> = (24..48).step_by(4).map(|at| (at, 0)).collect();
+    assert!(opened("a.vol", &with(&empty)).unwrap().contains("the unit cube is taken"));
+    // A whole file of a slice that is too large for the limits.
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("large.vol");
+    std::fs::write(&path, with(&[(8, 1 << 14), (12, 1 << 14), (16, 1)])).unwrap();
+    std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(48 + (4 << 28)).unwrap();
+    let error = images::format_of(".vol").open(&path, &Options::default(), LIMITS).unwrap_err();
+    assert!(error.to_string().contains("slice of 16384 x 16384") && error.remedy().is_some(), "{error}");
+}
+
 /// Damage of the checksum or the length at the end of a stream, which the values alone do not show.
 #[test]
 fn values_that_disagree_with_their_checksum_are_refused() {

@@ -397,7 +397,8 @@ mod tests {
         }
         let header = Path::new("x/b.mhd");
         assert_eq!(Output::named(header).target.unwrap().companion(header), Some("x/b.raw".into()));
-        let advice = "a .vdb, .nvdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd or .vti; an .exr becomes a .npy or .png,";
+        let advice =
+            "a .vdb, .nvdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd, .vti or .vol; an .exr becomes a .npy or .png,";
         assert!(routes().contains(advice), "{}", routes());
     }
 }

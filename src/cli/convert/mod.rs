@@ -17,11 +17,12 @@ use std::path::PathBuf;
 /// Convert a VDB with edits, images of medicine and science to VDBs and back, and pictures to arrays and back
 ///
 /// Inputs are told by their content, outputs by their ending. DICOM series (folders), NIfTI, NRRD, MetaImage, TIFF
-/// stacks (also folders and patterns), OME-Zarr, MRC, .cvol, .vti, .vtk, .npy, .npz and raw numbers (--dims) become a
-/// VDB with a grid for each array. A NanoVDB (.nvdb) becomes a VDB, and a VDB a NanoVDB. A grid of a VDB becomes a
-/// .nii, .nii.gz, .nrrd, .mha, .mhd, .vti or .npy over the box of its active voxels. VDB to VDB takes edits. A layer of
-/// an EXR becomes a .npy of [row, column, channel], row 0 at the top, and back; or a .png for display: radiance times
-/// two to the power of --exposure, clipped to 0..1, encoded by sRGB's curve. The report has the places of voxels.
+/// stacks (also folders and patterns), OME-Zarr, MRC, .cvol, Mitsuba's .vol, .vti, .vtk, .npy, .npz and raw numbers
+/// (--dims) become a VDB with a grid for each array. A NanoVDB (.nvdb) becomes a VDB, and a VDB a NanoVDB. A grid of a
+/// VDB becomes a .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .vol or .npy over the box of its active voxels. VDB to VDB
+/// takes edits. A layer of an EXR becomes a .npy of [row, column, channel], row 0 at the top, and back; or a .png for
+/// display: radiance times two to the power of --exposure, clipped to 0..1, encoded by sRGB's curve. The report has the
+/// places of voxels.
 ///
 /// Several VDBs before the last one are joined: their grids become those of one file, at the places that they have.
 /// Files whose metadata state different up axes, and grids of one name in two files, are refused.

@@ -17,6 +17,7 @@ mod format;
 pub mod image;
 pub(crate) mod input;
 pub(crate) mod meta_image;
+pub(crate) mod mitsuba;
 pub(crate) mod mrc;
 pub(crate) mod nifti;
 pub(crate) mod nrrd;

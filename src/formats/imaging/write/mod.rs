@@ -1,6 +1,7 @@
 //! Files of regular grids, each written whole or not at all, slice by slice.
 
 pub(crate) mod meta_image;
+pub(crate) mod mitsuba;
 pub(crate) mod nifti;
 pub(crate) mod npy;
 pub(crate) mod nrrd;
