@@ -52,6 +52,24 @@ pub trait Real:
     }
 }
 
+/// Returns the least and the greatest of numbers, none of which is NaN; `None` without any. Runs of numbers are compared
+/// side by side, as fast as memory gives them.
+pub fn extremes<R: Real>(values: &[R]) -> Option<(R, R)> {
+    const SIDE: usize = 16;
+    let first = *values.first()?;
+    let (runs, rest) = values.as_chunks::<SIDE>();
+    let (mut low, mut high) = ([first; SIDE], [first; SIDE]);
+    for run in runs {
+        for i in 0..SIDE {
+            low[i] = run[i].lesser(low[i]);
+            high[i] = run[i].greater(high[i]);
+        }
+    }
+    let lesser = |a: R, b: &R| b.lesser(a);
+    let greater = |a: R, b: &R| b.greater(a);
+    Some((low.iter().chain(rest).fold(first, lesser), high.iter().chain(rest).fold(first, greater)))
+}
+
 macro_rules! real {
     ($t:ty, $lanes:ty, $exp_neg:expr) => {
         impl Number for $t {

@@ -20,7 +20,7 @@ mod _native {
     #[pymodule_export]
     use crate::command::{main, run, set_helper};
     #[pymodule_export]
-    use crate::pictures::{jvp, render, vjp};
+    use crate::pictures::PyScene;
     #[pymodule_export]
     use crate::scene::{PyCameras, PyMedium};
 

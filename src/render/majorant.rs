@@ -6,7 +6,7 @@
 //!
 //! Rays skip bricks whose majorant is 0.
 
-use crate::real::Real;
+use crate::real::{Real, extremes};
 use crate::scene::bricks::{BRICK, Bricks};
 use crate::scene::medium::{Medium, Source};
 use rayon::prelude::*;
@@ -22,9 +22,8 @@ pub(crate) struct Majorants {
 impl Majorants {
     /// Computes the bounds of a field in a medium whose densities are those that the field stores.
     pub(crate) fn new<R: Real>(field: &Bricks<R>, medium: &Medium) -> Self {
-        let of_brick = |values: &[R]| bound(medium, values.iter().copied());
-        let bricks: Vec<f32> = field.values.par_chunks(BRICK).map(of_brick).collect();
-        Self { bricks, empty: bound(medium, [field.background]) }
+        let bricks: Vec<f32> = field.values.par_chunks(BRICK).map(|values| bound(medium, values)).collect();
+        Self { bricks, empty: bound(medium, &[field.background]) }
     }
 
     /// Returns the bound of each brick, in the order of the field's topology.
@@ -44,10 +43,12 @@ impl Majorants {
 }
 
 /// Returns the greatest extinction of a medium where densities are interpolated between values; 0 without any.
-pub(crate) fn bound<R: Real>(medium: &Medium, values: impl IntoIterator<Item = R>) -> f32 {
-    let mut values = values.into_iter();
-    let Some(first) = values.next() else { return 0.0 };
-    let (low, high) = values.fold((first, first), |(low, high), v| (low.lesser(v), high.greater(v)));
+fn bound<R: Real>(medium: &Medium, values: &[R]) -> f32 {
+    extremes(values).map_or(0.0, |extremes| bound_between(medium, extremes))
+}
+
+/// Returns the greatest extinction of a medium where densities lie between two.
+pub(crate) fn bound_between<R: Real>(medium: &Medium, (low, high): (R, R)) -> f32 {
     rounded_up(match &medium.source {
         Source::Transfer(table) => medium.extinction * table.bounds(low.f64(), high.f64()).1[3],
         Source::Grey(_) | Source::Linear(_) => medium.extinction * high.f64().max(0.0),

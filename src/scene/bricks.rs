@@ -10,7 +10,7 @@
 
 use crate::error::{Code, Error, Result};
 use crate::math::{Aabb, Affine};
-use crate::real::Real;
+use crate::real::{Real, extremes};
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use crate::scene::sources::Sources;
 use crate::scene::topology;
@@ -62,19 +62,6 @@ impl<V: Voxel> Bricks<V> {
     fn emptied(&self, topology: Topology) -> Self {
         let empty = Self::constant(Arc::new(topology), self.transform, self.background, self.reference);
         Self { domain: self.domain, ..empty }
-    }
-
-    /// Hides the bricks that hold nothing but 0, so that rays pass them by. Pictures stay as they are, and derivatives
-    /// with respect to voxels of such bricks are left out.
-    #[must_use]
-    pub fn hiding_empty(mut self) -> Self
-    where
-        V: PartialEq,
-    {
-        let empty = V::default();
-        let filled: Vec<bool> = self.values.par_chunks(BRICK).map(|brick| brick.iter().any(|v| *v != empty)).collect();
-        self.topology = Arc::new(self.topology.masked(|brick| filled[brick]));
-        self
     }
 
     /// World-space box of all cells.
@@ -377,10 +364,8 @@ impl<R: Real> Bricks<R> {
     /// Smallest and largest stored value; the background is included, as it is the value outside.
     pub fn range(&self) -> (R, R) {
         let outside = || (self.background, self.background);
-        self.values
-            .par_iter()
-            .fold(outside, |(a, b), v| (a.lesser(*v), b.greater(*v)))
-            .reduce(outside, |a, b| (a.0.lesser(b.0), a.1.greater(b.1)))
+        let of_bricks = self.values.par_chunks(BRICK).filter_map(extremes);
+        of_bricks.reduce(outside, |a, b| (a.0.lesser(b.0), a.1.greater(b.1)))
     }
 
     /// Smallest and largest value of the data among the voxels that rays interpolate between: those of the domain, and

@@ -76,9 +76,22 @@ impl Dense {
     }
 
     /// Arranges the values of all voxels, in the array's order, in bricks; beyond them lies 0. `voxel` converts a value.
-    pub fn field<T: Copy + Sync, V: Voxel>(&self, values: &[T], voxel: impl Fn(T) -> V + Sync) -> Bricks<V> {
-        let mut field = Bricks::zeros(Arc::clone(&self.topology), self.transform);
-        field.domain = self.domain;
+    /// The field lies in `memory`, if that is what a field of these bricks had before.
+    pub fn field<T: Copy + Sync, V: Voxel>(
+        &self,
+        values: &[T],
+        voxel: impl Fn(T) -> V + Sync,
+        memory: Vec<V>,
+    ) -> Bricks<V> {
+        let all = self.topology.len() * BRICK;
+        let mut field = Bricks {
+            topology: Arc::clone(&self.topology),
+            values: if memory.len() == all { memory } else { vec![V::default(); all] },
+            background: V::default(),
+            reference: 0.0,
+            transform: self.transform,
+            domain: self.domain,
+        };
         let [_, ny, nz] = self.shape;
         let within = |at: i32, axis: usize| usize::try_from(at).ok().filter(|at| *at < self.shape[axis]);
         field.values.par_chunks_mut(BRICK).zip(self.topology.bricks().par_iter()).for_each(|(out, brick)| {
@@ -151,7 +164,7 @@ mod tests {
             let count: usize = shape.iter().product();
             let values: Vec<f64> = (0..count).map(|i| 1.0 + i as f64).collect();
             for end in [End::Fading, End::Cut] {
-                let field = Dense::new(shape, affine(), end).unwrap().field(&values, |v| v);
+                let field = Dense::new(shape, affine(), end).unwrap().field(&values, |v| v, Vec::new());
                 for (i, value) in values.iter().enumerate() {
                     let [_, ny, nz] = shape;
                     let at = [i / (ny * nz), i / nz % ny, i % nz];
@@ -180,7 +193,7 @@ mod tests {
                 let dense = Dense::new(shape, affine(), end).unwrap();
                 let count: usize = shape.iter().product();
                 let values: Vec<f64> = (0..count).map(|i| ((7 * i) % 13) as f64).collect();
-                let field = dense.field(&values, |v| v);
+                let field = dense.field(&values, |v| v, Vec::new());
                 let weights: Vec<f64> = (0..field.values.len()).map(|i| ((5 * i) % 17) as f64).collect();
                 let along: f64 = field.values.iter().zip(&weights).map(|(v, w)| v * w).sum();
                 let back: f64 = values.iter().zip(dense.gather(&weights)).map(|(v, w)| v * w).sum();

@@ -12,15 +12,28 @@ use crate::scene::grid::Grid;
 use crate::scene::transfer::Transfer;
 use glam::{DVec4, Vec4};
 use rayon::prelude::*;
+use std::any::Any;
 use std::path::Path;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Places of the values of an array: all voxels of a box, or the active voxels of a grid.
 #[derive(Debug)]
 pub struct Lattice {
     places: Places,
     limits: Limits,
+    /// Memory of earlier fields and gradients: fresh memory costs as much as the rays through it.
+    spare: Mutex<Vec<Spare>>,
 }
+
+/// Memory that is kept for the next use of its kind.
+#[derive(Debug)]
+struct Spare {
+    bytes: u64,
+    memory: Box<dyn Any + Send>,
+}
+
+/// Most bytes of memory that a lattice keeps.
+const MOST_SPARE: u64 = 256 << 20;
 
 #[derive(Debug)]
 enum Places {
@@ -40,7 +53,7 @@ pub(super) enum Arranged {
 /// A value of an array, with the voxel that kernels have of it.
 pub trait Value: Copy + Send + Sync + 'static {
     /// The voxel.
-    type Voxel: Voxel + PartialEq;
+    type Voxel: Voxel + PartialEq + 'static;
     /// Converts to a voxel.
     fn voxel(self) -> Self::Voxel;
     /// Converts from a voxel.
@@ -116,7 +129,8 @@ impl Lattice {
     /// # Errors
     /// If an axis is empty, or there are more voxels than can be addressed.
     pub fn of_box(shape: [usize; 3], transform: Affine, limits: Limits) -> Result<Self> {
-        let lattice = Self { places: Places::Box { shape, transform, bricks: [const { OnceLock::new() }; 2] }, limits };
+        let places = Places::Box { shape, transform, bricks: [const { OnceLock::new() }; 2] };
+        let lattice = Self { places, limits, spare: Mutex::default() };
         lattice.arranged(None)?;
         Ok(lattice)
     }
@@ -128,7 +142,8 @@ impl Lattice {
     /// If the file cannot be read as a density.
     pub fn of_grid(path: &Path, name: Option<&str>, limits: Limits) -> Result<Self> {
         let grid = Box::new(volume::open(path, &ScanSettings::default(), limits)?.read_fog(name)?);
-        Ok(Self { places: Places::Active { grid, voxels: [const { OnceLock::new() }; 3] }, limits })
+        let places = Places::Active { grid, voxels: [const { OnceLock::new() }; 3] };
+        Ok(Self { places, limits, spare: Mutex::default() })
     }
 
     /// Returns the shape of its arrays, without the channels of a voxel.
@@ -199,6 +214,21 @@ impl Lattice {
         })
     }
 
+    /// Takes memory of a kind that was kept, or makes some.
+    pub(super) fn take<M: Any + Send + Default>(&self) -> M {
+        let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(at) = spare.iter().position(|spare| spare.memory.is::<M>()) else { return M::default() };
+        spare.swap_remove(at).memory.downcast().map_or_else(|_| M::default(), |memory| *memory)
+    }
+
+    /// Keeps memory of so many bytes for the next use, unless that would be too much.
+    pub(super) fn keep<M: Any + Send>(&self, memory: M, bytes: u64) {
+        let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
+        if spare.iter().map(|spare| spare.bytes).sum::<u64>() + bytes <= MOST_SPARE {
+            spare.push(Spare { bytes, memory: Box::new(memory) });
+        }
+    }
+
     /// Refuses more memory than is allowed for fields, `copies` of them.
     pub(super) fn within<T: Value>(&self, arranged: &Arranged, copies: u64) -> Result<()> {
         let each = match arranged {
@@ -211,18 +241,18 @@ impl Lattice {
 }
 
 impl Arranged {
-    /// Returns the field of these values.
+    /// Returns the field of these values; that of a box may take the memory of another one of them.
     ///
     /// # Errors
     /// If there are not as many values as places, or only boxes have such values.
-    pub(super) fn field<T: Value>(&self, values: &[T]) -> Result<Bricks<T::Voxel>> {
+    pub(super) fn field<T: Value>(&self, values: &[T], memory: Vec<T::Voxel>) -> Result<Bricks<T::Voxel>> {
         let wrong = |count: usize| {
             Error::invalid(format!("{} values for {count} voxels", values.len())).hint("give the array of this lattice")
         };
         match self {
             Self::Box(dense) => {
                 let count: usize = dense.shape().iter().product();
-                if values.len() == count { Ok(dense.field(values, T::voxel)) } else { Err(wrong(count)) }
+                if values.len() == count { Ok(dense.field(values, T::voxel, memory)) } else { Err(wrong(count)) }
             }
             Self::Active(active) if values.len() != active.len() => Err(wrong(active.len())),
             Self::Active(active) => T::sparse(active, values).ok_or_else(|| {

@@ -5,5 +5,5 @@ mod pictures;
 mod read;
 
 pub use lattice::{Lattice, Value};
-pub use pictures::{Derivatives, Differentiate, Tangents, Wanted, usual_quadrature};
+pub use pictures::{ArrayScene, Derivatives, Differentiate, Wanted, usual_quadrature};
 pub use read::{Volume, volume};

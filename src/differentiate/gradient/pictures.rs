@@ -151,6 +151,13 @@ fn partition_count<V: Voxel>(field: &Bricks<V>, lookups: &[f32], targets: &[&Tar
     partitions(field, bricks_crossed(field, rays) * f64::from(mean), targets.len() < MOST_PARTITIONS)
 }
 
+impl<V, T> Workspace<V, T> {
+    /// Returns the bytes of the voxel gradients that it holds.
+    pub fn bytes(&self) -> u64 {
+        self.0.iter().map(|partition| size_of_val(partition.voxels.as_slice()) as u64).sum()
+    }
+}
+
 impl<V: Voxel, T: Default> Workspace<V, T> {
     /// Returns for each of `count` partitions its number, its voxel gradient (the caller's for the first) and its tape.
     fn divided<'w>(

@@ -345,11 +345,16 @@ impl<'a, R: Real> Dvr<'a, R> {
 
     /// Skips bricks in which nothing absorbs. Without a transfer function no brick is skipped: empty ones are stored
     /// for the interpolation between their voxels and their neighbours', and are few.
-    fn skipping(mut self) -> Self {
-        if matches!(self.medium.source, Source::Transfer(_)) {
-            let bounds = self.majorants().bricks();
-            self.visible = Arc::new(self.field.topology.masked(|brick| bounds[brick] > 0.0));
-        }
+    fn skipping(self) -> Self {
+        if matches!(self.medium.source, Source::Transfer(_)) { self.skipping_empty() } else { self }
+    }
+
+    /// Skips bricks in which nothing absorbs, for fields that have many. Derivatives with respect to voxels of such bricks
+    /// are left out.
+    #[must_use]
+    pub fn skipping_empty(mut self) -> Self {
+        let bounds = self.majorants().bricks();
+        self.visible = Arc::new(self.field.topology.masked(|brick| bounds[brick] > 0.0));
         self
     }
 

@@ -21,7 +21,7 @@ mod variation;
 mod visit;
 
 use super::Dvr;
-use crate::real::{Lanes, Real};
+use crate::real::{Lanes, Real, extremes};
 use crate::render::curve::Curve;
 use crate::render::emission_absorption::Radiance;
 use crate::render::march::IndexRay;
@@ -74,7 +74,7 @@ impl<R: Real> Preintegrated<R> {
         let voxel = field.transform.voxel_size().max_element();
         let spacing = |values: &[R]| {
             let roughness = roughness(values);
-            let (low, high) = values.iter().fold((values[0], values[0]), |(l, h), v| (l.lesser(*v), h.greater(*v)));
+            let (low, high) = extremes(values).unwrap_or_default();
             let varied = tables.variation.between(R::Lanes::splat(low), R::Lanes::splat(high));
             let [depth, shift] = [varied.extinction, varied.shift].map(|lanes| lanes.store()[0].f64());
             let error = |h: f64| {

@@ -452,29 +452,37 @@ pub(super) fn roughness<R: Real>(values: &[R]) -> [R; 2] {
     if values.iter().all(|v| *v == values[0]) {
         return [R::ZERO; 2];
     }
-    let steps = [slot(1, 0, 0), slot(0, 1, 0), slot(0, 0, 1)];
-    let mut most = [R::ZERO; 2];
-    let mut note = |kind: usize, v: R| most[kind] = most[kind].greater(v.greater(-v));
+    // Row by row along z, whose entries are independent of each other.
+    let row = |x: usize, y: usize| -> &[R] { &values[slot(x, y, 0)..][..EDGE] };
+    let mut most = [[R::ZERO; EDGE]; 2];
+    let mut note = |kind: usize, z: usize, v: R| most[kind][z] = most[kind][z].greater(v.greater(-v));
     for x in 0..EDGE {
         for y in 0..EDGE {
-            for z in 0..EDGE {
-                let i = slot(x, y, z);
-                let at = [x, y, z];
-                for a in 0..3 {
-                    if at[a] == CELLS {
-                        continue;
-                    }
-                    let (step, next) = (steps[a], values[i + steps[a]] - values[i]);
-                    if at[a] > 0 {
-                        note(0, next - (values[i] - values[i - step]));
-                    }
-                    let b = (a + 1) % 3;
-                    if at[b] < CELLS {
-                        note(1, values[i + step + steps[b]] - values[i + steps[b]] - next);
-                    }
-                }
+            let here = row(x, y);
+            for z in 1..CELLS {
+                note(0, z, (here[z + 1] - here[z]) - (here[z] - here[z - 1]));
+            }
+            if (1..CELLS).contains(&x) {
+                let (above, below) = (row(x + 1, y), row(x - 1, y));
+                (0..EDGE).for_each(|z| note(0, z, (above[z] - here[z]) - (here[z] - below[z])));
+            }
+            if (1..CELLS).contains(&y) {
+                let (above, below) = (row(x, y + 1), row(x, y - 1));
+                (0..EDGE).for_each(|z| note(0, z, (above[z] - here[z]) - (here[z] - below[z])));
+            }
+            if x < CELLS && y < CELLS {
+                let (across, along, both) = (row(x + 1, y), row(x, y + 1), row(x + 1, y + 1));
+                (0..EDGE).for_each(|z| note(1, z, both[z] - along[z] - (across[z] - here[z])));
+            }
+            if y < CELLS {
+                let along = row(x, y + 1);
+                (0..CELLS).for_each(|z| note(1, z, along[z + 1] - here[z + 1] - (along[z] - here[z])));
+            }
+            if x < CELLS {
+                let across = row(x + 1, y);
+                (0..CELLS).for_each(|z| note(1, z, across[z + 1] - across[z] - (here[z + 1] - here[z])));
             }
         }
     }
-    most
+    most.map(|most| most.into_iter().fold(R::ZERO, R::greater))
 }
