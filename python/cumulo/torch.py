@@ -120,8 +120,76 @@ class Render(torch.autograd.Function):
     @staticmethod
     def jvp(ctx: Any, _: None, *tangents: Tensor | None) -> Tensor:  # type: ignore[override]
         """Change of the pictures from those of the inputs."""
-        inputs = ctx.saved_tensors
-        given = _prepared(ctx.settings, inputs)
+        return Forward.apply(ctx.settings, *ctx.saved_tensors, *tangents)
+
+
+def _camera_changes(of: dict[str, Tensor | None], matrices: np.ndarray[Any, Any]) -> Any:
+    """Changes of cameras, [views, 10], from those of their matrices, focal lengths and principal points."""
+    if of["camera_to_world"] is None and of["focal"] is None and of["centre"] is None:
+        return None
+    change = np.zeros((len(matrices), pictures.CAMERA_PARTS))
+    if of["camera_to_world"] is not None:
+        moved = pictures.matrix(of["camera_to_world"])
+        change[:, :3] = moved[:, :3, 3]
+        turned = (moved[:, :3, :3] / _lengths(matrices) ** 2) @ matrices[:, :3, :3].transpose(0, 2, 1)
+        change[:, 3:6] = 0.5 * np.stack([turned[:, a, b] - turned[:, b, a] for a, b in ((2, 1), (0, 2), (1, 0))], -1)
+    for name, at in (("focal", 6), ("centre", 8)):
+        if of[name] is not None:
+            change[:, at : at + 2] = pictures.matrix(of[name])
+    return change
+
+
+def _lengths(matrices: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Lengths of a camera's axes, [views, 1, 3], which pictures do not depend on."""
+    return np.linalg.norm(matrices[:, :3, :3], axis=1, keepdims=True)
+
+
+def _by_matrices(by: np.ndarray[Any, Any], matrices: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Derivatives with respect to matrices, [views, 4, 4], from those with respect to positions and rotations: the
+    transpose of `_camera_changes`."""
+    x, y, z = by[:, 3:6].T
+    zero = np.zeros_like(x)
+    cross = np.stack([np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], -2)
+    found = np.zeros_like(matrices)
+    found[:, :3, :3] = 0.5 * cross @ matrices[:, :3, :3] / _lengths(matrices) ** 2
+    found[:, :3, 3] = by[:, :3]
+    return found
+
+
+class Derivatives(torch.autograd.Function):
+    """Derivatives of pictures, whose own derivatives are refused by name.
+
+    They are functions of their own because `torch.func` gives these, and no others, tensors that have a storage.
+    """
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
+        """Keeps nothing."""
+
+    @staticmethod
+    def backward(ctx: Any, *_: Any) -> Any:
+        """Refuses."""
+        raise NotImplementedError(
+            "cumulo.torch.render has no second derivatives: call backward without create_graph, or take difference"
+            " quotients of the first derivatives"
+        )
+
+    @staticmethod
+    def jvp(ctx: Any, *_: Any) -> Any:
+        """Refuses."""
+        raise NotImplementedError(
+            "cumulo.torch.render has no second derivatives: take difference quotients of the first derivatives"
+        )
+
+
+class Forward(Derivatives):
+    """Change of pictures."""
+
+    @staticmethod
+    def forward(settings: dict[str, Any], *tensors: Tensor | None) -> Tensor:  # type: ignore[override]
+        """The change of the pictures from inputs and their changes."""
+        inputs, tangents = tensors[: len(INPUTS)], tensors[len(INPUTS) :]
+        given = _prepared(settings, inputs)
         of = dict(zip(INPUTS, tangents))
 
         def numbers(name: str, zero: Any) -> Any:
@@ -136,39 +204,12 @@ class Render(torch.autograd.Function):
             float(numbers("step", [0.0])[0]), float(numbers("density_scale", [0.0])[0]),
             list(numbers("emission", [0.0] * 3)), list(numbers("background", [0.0] * 3)), **given.how,
         )  # fmt: skip
+        assert inputs[0] is not None
         return torch.from_numpy(found).to(inputs[0].dtype)
 
 
-def _camera_changes(of: dict[str, Tensor | None], matrices: np.ndarray[Any, Any]) -> Any:
-    """Changes of cameras, [views, 10], from those of their matrices, focal lengths and principal points."""
-    if of["camera_to_world"] is None and of["focal"] is None and of["centre"] is None:
-        return None
-    change = np.zeros((len(matrices), pictures.CAMERA_PARTS))
-    if of["camera_to_world"] is not None:
-        moved = pictures.matrix(of["camera_to_world"])
-        change[:, :3] = moved[:, :3, 3]
-        turned = moved[:, :3, :3] @ matrices[:, :3, :3].transpose(0, 2, 1)
-        change[:, 3:6] = 0.5 * np.stack([turned[:, a, b] - turned[:, b, a] for a, b in ((2, 1), (0, 2), (1, 0))], -1)
-    for name, at in (("focal", 6), ("centre", 8)):
-        if of[name] is not None:
-            change[:, at : at + 2] = pictures.matrix(of[name])
-    return change
-
-
-def _by_matrices(by: np.ndarray[Any, Any], matrices: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Derivatives with respect to matrices, [views, 4, 4], from those with respect to positions and rotations: the
-    transpose of `_camera_changes`."""
-    x, y, z = by[:, 3:6].T
-    zero = np.zeros_like(x)
-    cross = np.stack([np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], -2)
-    found = np.zeros_like(matrices)
-    found[:, :3, :3] = 0.5 * cross @ matrices[:, :3, :3]
-    found[:, :3, 3] = by[:, :3]
-    return found
-
-
-class Backward(torch.autograd.Function):
-    """Derivatives of pictures, whose own derivatives are refused by name."""
+class Backward(Derivatives):
+    """Derivatives of a loss."""
 
     @staticmethod
     def forward(settings: dict[str, Any], needed: tuple[bool, ...], by_pictures: Tensor,
@@ -196,15 +237,3 @@ class Backward(torch.autograd.Function):
             return torch.from_numpy(np.ascontiguousarray(all_of[name]())).to(tensor.dtype).reshape(tensor.shape)
 
         return tuple(one(name, tensor) for name, tensor in zip(INPUTS, inputs))
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
-        """Keeps nothing."""
-
-    @staticmethod
-    def backward(ctx: Any, *_: Any) -> Any:
-        """Refuses."""
-        raise NotImplementedError(
-            "cumulo.torch.render has no second derivatives: call backward without create_graph, or take difference"
-            " quotients of the first derivatives"
-        )
