@@ -55,19 +55,25 @@ pub trait Real:
 /// Returns the least and the greatest of numbers, none of which is NaN; `None` without any. Runs of numbers are compared
 /// side by side, as fast as memory gives them.
 pub fn extremes<R: Real>(values: &[R]) -> Option<(R, R)> {
-    const SIDE: usize = 16;
+    const SIDE: usize = 4;
     let first = *values.first()?;
-    let (runs, rest) = values.as_chunks::<SIDE>();
-    let (mut low, mut high) = ([first; SIDE], [first; SIDE]);
+    let (fours, rest) = values.as_chunks::<LANES>();
+    let (runs, more) = fours.as_chunks::<SIDE>();
+    let mut low = [R::Lanes::splat(first); SIDE];
+    let mut high = low;
     for run in runs {
-        for i in 0..SIDE {
-            low[i] = run[i].lesser(low[i]);
-            high[i] = run[i].greater(high[i]);
+        for (i, four) in run.iter().enumerate() {
+            let four = R::Lanes::load(*four);
+            (low[i], high[i]) = (low[i].lesser(four), high[i].greater(four));
         }
     }
+    let single = more.as_flattened().iter().chain(rest);
     let lesser = |a: R, b: &R| b.lesser(a);
     let greater = |a: R, b: &R| b.greater(a);
-    Some((low.iter().chain(rest).fold(first, lesser), high.iter().chain(rest).fold(first, greater)))
+    let low = low.map(Lanes::store);
+    let high = high.map(Lanes::store);
+    let least = low.as_flattened().iter().chain(single.clone()).fold(first, lesser);
+    Some((least, high.as_flattened().iter().chain(single).fold(first, greater)))
 }
 
 macro_rules! real {

@@ -60,41 +60,33 @@ class Medium:
         step: float | None = None,
     ) -> Medium: ...
 
-def render(
-    lattice: Lattice,
-    values: npt.NDArray[Any],
-    cameras: Cameras,
-    medium: Medium,
-    rays_per_edge: int = 1,
-    threads: int = 0,
-    pre_shaded: bool = False,
-) -> npt.NDArray[Any]: ...
-def vjp(
-    lattice: Lattice,
-    values: npt.NDArray[Any],
-    cameras: Cameras,
-    medium: Medium,
-    cotangents: npt.NDArray[Any],
-    by_values: bool = True,
-    by_function: bool = True,
-    by_rays: bool = True,
-    rays_per_edge: int = 1,
-    threads: int = 0,
-    pre_shaded: bool = False,
-) -> dict[str, Any]: ...
-def jvp(
-    lattice: Lattice,
-    values: npt.NDArray[Any],
-    cameras: Cameras,
-    medium: Medium,
-    by_values: npt.NDArray[Any] | None = None,
-    by_function: npt.NDArray[np.float64] | None = None,
-    by_cameras: npt.NDArray[np.float64] | None = None,
-    step: float = 0.0,
-    extinction: float = 0.0,
-    emission: Sequence[float] = ...,
-    background: Sequence[float] = ...,
-    rays_per_edge: int = 1,
-    threads: int = 0,
-    pre_shaded: bool = False,
-) -> npt.NDArray[np.float64]: ...
+@final
+class Scene:
+    def __new__(
+        cls,
+        lattice: Lattice,
+        values: npt.NDArray[Any],
+        cameras: Cameras,
+        medium: Medium,
+        rays_per_edge: int = 1,
+        threads: int = 0,
+        pre_shaded: bool = False,
+    ) -> Scene: ...
+    def render(self) -> npt.NDArray[Any]: ...
+    def vjp(
+        self,
+        cotangents: npt.NDArray[Any],
+        by_values: bool = True,
+        by_function: bool = True,
+        by_rays: bool = True,
+    ) -> dict[str, Any]: ...
+    def jvp(
+        self,
+        by_values: npt.NDArray[Any] | None = None,
+        by_function: npt.NDArray[np.float64] | None = None,
+        by_cameras: npt.NDArray[np.float64] | None = None,
+        step: float = 0.0,
+        extinction: float = 0.0,
+        emission: Sequence[float] = ...,
+        background: Sequence[float] = ...,
+    ) -> npt.NDArray[np.float64]: ...

@@ -59,17 +59,15 @@ def array(values: Any, what: str = "values") -> Array:
 
 @dataclasses.dataclass(frozen=True)
 class Prepared:
-    """What the native module is given: places, values, cameras and medium."""
+    """An array, arranged for rays, and how it is seen; `values` are the array's."""
 
-    lattice: Any
+    scene: Any
     values: Array
-    cameras: Any
-    medium: Any
-    how: dict[str, Any]
 
     def render(self) -> Array:
         """The pictures."""
-        return _native.render(self.lattice, self.values, self.cameras, self.medium, **self.how)
+        found: Array = self.scene.render()
+        return found
 
 
 def prepared(values: Any, cameras: Cameras, *, lattice: Lattice | None = None, function: Function | None = None,
@@ -105,8 +103,7 @@ def prepared(values: Any, cameras: Cameras, *, lattice: Lattice | None = None, f
         (0.0, 1.0) if function is None else function.domain, triple(background), quadrature,
         None if step is None else float(step),
     )  # fmt: skip
-    how = {"rays_per_edge": supersample, "threads": threads or 0, "pre_shaded": pre_shaded}
-    return Prepared(places._native, values, native, medium, how)
+    return Prepared(_native.Scene(places._native, values, native, medium, supersample, threads or 0, pre_shaded), values)
 
 
 def matrix(values: Any) -> npt.NDArray[np.float64]:
@@ -194,4 +191,5 @@ def vjp(given: Prepared, by_pictures: Array, wanted: list[bool]) -> dict[str, An
     if not np.isfinite(by_pictures).all():
         raise CumuloError("invalid", "derivatives that are not finite", None, "by_pictures",
                           "look for a division by zero, or a logarithm of zero, in the loss")  # fmt: skip
-    return _native.vjp(given.lattice, given.values, given.cameras, given.medium, by_pictures, *wanted, **given.how)
+    found: dict[str, Any] = given.scene.vjp(by_pictures, *wanted)
+    return found

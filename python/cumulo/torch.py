@@ -7,7 +7,7 @@
 Whatever of the arguments requires a gradient gets one: densities or pre-shaded colors, the transfer function, cameras,
 density scale, emission, background and the quadrature's step; nothing else is computed. Rays are walked again in the
 backward pass, so that the memory does not depend on their number, nor on that of samples along them (Weiss & Westermann
-2021, section 4). `torch.func.jvp` gives derivatives in forward mode. There are no second derivatives.
+2021, section 4); the volume is kept once more, as kernels arrange it. `torch.func.jvp` gives derivatives in forward mode. There are no second derivatives.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from . import _native, pictures
+from . import pictures
 from .errors import CumuloError
 from .fields import Cameras, Function, Gaussians, Lattice, Piecewise, Texture
 
@@ -73,7 +73,15 @@ def look_at(eye: Tensor, target: Any = (0.0, 0.0, 0.0), up: Any = (0.0, 0.0, 1.0
 
 
 def _prepared(settings: dict[str, Any], inputs: tuple[Tensor | None, ...]) -> pictures.Prepared:
-    """The native module's arguments."""
+    """The array, arranged for rays: once for the pictures and their derivatives."""
+    if "prepared" not in settings:
+        settings["prepared"] = _arranged(settings, inputs)
+    found: pictures.Prepared = settings["prepared"]
+    return found
+
+
+def _arranged(settings: dict[str, Any], inputs: tuple[Tensor | None, ...]) -> pictures.Prepared:
+    """The array as it is seen."""
     values, function, camera_to_world, focal, centre, density_scale, emission, background, step = inputs
     assert values is not None
     made = None
@@ -196,13 +204,12 @@ class Forward(Derivatives):
             return zero if of[name] is None else pictures.matrix(of[name]).reshape(-1)
 
         values, function = of["values"], of["function"]
-        found = _native.jvp(
-            given.lattice, given.values, given.cameras, given.medium,
+        found = given.scene.jvp(
             None if values is None else pictures.array(values.detach().contiguous(), "tangent of values"),
             None if function is None else pictures.matrix(function).reshape(-1),
             _camera_changes(of, pictures.matrix(inputs[2])),
             float(numbers("step", [0.0])[0]), float(numbers("density_scale", [0.0])[0]),
-            list(numbers("emission", [0.0] * 3)), list(numbers("background", [0.0] * 3)), **given.how,
+            list(numbers("emission", [0.0] * 3)), list(numbers("background", [0.0] * 3)),
         )  # fmt: skip
         assert inputs[0] is not None
         return torch.from_numpy(found).to(inputs[0].dtype)

@@ -25,6 +25,7 @@ mod contradictions;
 mod convert_edits;
 mod denoise;
 mod diff;
+mod embedded;
 mod figure;
 mod gradient;
 mod guide;
