@@ -31,13 +31,11 @@ def centres():
     return (ORIGIN + np.stack([x, y, z], axis=-1) * STEP).transpose(2, 1, 0, 3)
 
 
-def seen(path, channels):
-    """What the plugin finds at the centres of the voxels, and its box."""
-    volume = mi.load_dict(
-        {"type": "gridvolume", "filename": str(path), "use_grid_bbox": True, "raw": True, "filter_type": "nearest"}
-    )
+def seen(points, channels, **grid):
+    """What the plugin finds at points [z, y, x, axis], and its box."""
+    volume = mi.load_dict({"type": "gridvolume", "raw": True, "filter_type": "nearest", **grid})
     found = []
-    for point in centres().reshape(-1, 3):
+    for point in points.reshape(-1, 3):
         interaction = mi.Interaction3f()
         interaction.p = mi.Point3f(*point)
         found.append(np.array(volume.eval_1(interaction) if channels == 1 else volume.eval_3(interaction)))
@@ -55,7 +53,7 @@ def test_written_grids_are_seen(cumulo, tmp_path, channels):
     cumulo("convert", tmp_path / "a.vdb", tmp_path / "a.vol")
     grid = mi.VolumeGrid(str(tmp_path / "a.vol"))
     assert np.array_equal(np.array(grid).reshape(wanted.shape), wanted)
-    found, box = seen(tmp_path / "a.vol", channels)
+    found, box = seen(centres(), channels, filename=str(tmp_path / "a.vol"), use_grid_bbox=True)
     # Every number of the box is exact in single precision.
     assert np.array_equal(np.array(box.min), ORIGIN - 0.5 * STEP)
     assert np.array_equal(np.array(box.max), ORIGIN + (np.array(SIZE) - 0.5) * STEP)
@@ -80,3 +78,19 @@ def test_grids_of_mitsuba_are_read(cumulo, tmp_path, channels):
     # Written again, the file is the same.
     cumulo("convert", tmp_path / "b.vdb", tmp_path / "c.vol")
     assert (tmp_path / "c.vol").read_bytes() == (tmp_path / "b.vol").read_bytes()
+
+
+def test_turned_voxels_are_placed_by_to_world(cumulo, tmp_path):
+    """As the guide says of grids that a `.vol` cannot hold."""
+    wanted = values(1)
+    np.save(tmp_path / "a.npy", wanted[..., 0])
+    turn = np.array([[0.6, -0.8, 0, 3], [0.8, 0.6, 0, -2], [0, 0, 1, 0.5]]) * [0.5, 0.75, 1.25, 1]
+    cumulo("convert", tmp_path / "a.npy", tmp_path / "a.vdb", "--axes=zyx", f"--transform={','.join(map(str, turn.flat))}")
+    report = cumulo("convert", tmp_path / "a.vdb", tmp_path / "b.npy", "--axes=zyx")
+    placement = mi.ScalarTransform4f(np.array(report["grid"]["transform"]))
+    place = placement @ mi.ScalarTransform4f().translate([-0.5] * 3) @ mi.ScalarTransform4f().scale(SIZE)
+    x, y, z = np.meshgrid(*(np.arange(n) for n in SIZE), indexing="ij")
+    points = np.stack([x, y, z], axis=-1).transpose(2, 1, 0, 3) @ turn[:, :3].T + turn[:, 3]
+    grid = mi.VolumeGrid(np.load(tmp_path / "b.npy")[..., None])
+    found, _ = seen(points, 1, grid=grid, to_world=place)
+    assert np.array_equal(found.astype(np.float32), wanted)

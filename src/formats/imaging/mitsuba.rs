@@ -78,11 +78,8 @@ fn sample(encoding: i32) -> Result<Sample> {
         FLOAT => Ok(Sample::F32),
         2 => Ok(Sample::F16),
         3 => Ok(Sample::U8),
-        4 => Err(Error::unsupported(
-            "quantized directions (encoding 4) are not read; 32-bit floats (1), half floats \
-                                     (2) and bytes (3) are",
-        )
-        .hint("write the directions as vectors of 32-bit floats where they were made")),
+        4 => Err(Error::unsupported("quantized directions (encoding 4) are not read; encodings 1, 2 and 3 are")
+            .hint("write the directions as vectors of 32-bit floats where they were made")),
         _ => Err(Error::unsupported(format!(
             "encoding {encoding} is not known; 32-bit floats (1), half floats (2) and bytes (3) are read"
         ))
@@ -101,13 +98,13 @@ struct Fields {
 impl Fields {
     /// Reads the fields of a file that begins with `start`.
     fn new(start: &[u8]) -> Result<Self> {
-        let Some(bytes) = start.first_chunk::<HEADER>() else {
-            return Err(wrong(format!("the file has {} bytes, of which {HEADER} are the header", start.len())));
-        };
-        if bytes[..4] != MAGIC {
-            return Err(Error::unsupported(format!("version {} of the format; version 3 is read", bytes[3]))
+        if let Some(version) = start.get(3).filter(|version| **version != MAGIC[3]) {
+            return Err(Error::unsupported(format!("version {version} of the format; version 3 is read"))
                 .hint("write the grid by a current Mitsuba; if it is no grid of Mitsuba, give it another name"));
         }
+        let Some(bytes) = start.first_chunk::<HEADER>() else {
+            return Err(wrong(format!("the file has {} bytes; the header alone has {HEADER}", start.len())));
+        };
         let four = |at: usize| -> [u8; 4] { std::array::from_fn(|i| bytes[at + i]) };
         let integer = |at: usize| i32::from_le_bytes(four(at));
         let reals = |at: usize| [0, 4, 8].map(|i| f32::from_le_bytes(four(at + i)));

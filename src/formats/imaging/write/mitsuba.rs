@@ -36,7 +36,10 @@ impl Layout {
             return Err(Error::unsupported(
                 "the voxels are turned or sheared against the world's axes, which grids of Mitsuba cannot hold",
             )
-            .hint("write .nrrd or .nii, which can, or resample to cubic voxels first: ⟨convert.resample⟩"));
+            .hint(
+                "write .nrrd or .nii, which can; or write a .npy with ⟨axes=zyx⟩ for mitsuba.VolumeGrid, and place it \
+                 by the plugin's to_world",
+            ));
         }
         let (mut min, mut max) = ([0.0; 3], [0.0; 3]);
         let (mut reversed, mut moved) = ([false; 3], 0.0_f64);
