@@ -137,7 +137,11 @@ impl Dense {
                             let (from, to) = (first.max(0) as usize, nz.min((first + EDGE as i64) as usize));
                             let at = number * BRICK + slot(x, y, (from as i64 - first) as usize);
                             let stored = &stored[at..][..to.saturating_sub(from)];
-                            row[from..from + stored.len()].iter_mut().zip(stored).for_each(|(sum, v)| *sum += *v);
+                            // Most rows are whole, and quick as such.
+                            match (stored.as_chunks::<EDGE>().0, row[from..from + stored.len()].as_chunks_mut().0) {
+                                ([stored], [sums]) => add::<V>(sums, stored),
+                                _ => row[from..].iter_mut().zip(stored).for_each(|(sum, v)| *sum += *v),
+                            }
                         }
                     }
                 }
@@ -145,6 +149,12 @@ impl Dense {
         });
         out
     }
+}
+
+/// Adds a row of a brick.
+#[inline(always)]
+fn add<V: Voxel>(sums: &mut [V; EDGE], stored: &[V; EDGE]) {
+    sums.iter_mut().zip(stored).for_each(|(sum, v)| *sum += *v);
 }
 
 #[cfg(test)]

@@ -58,6 +58,8 @@ pub trait Value: Copy + Send + Sync + 'static {
     fn voxel(self) -> Self::Voxel;
     /// Converts from a voxel.
     fn of(voxel: Self::Voxel) -> Self;
+    /// Converts from voxels.
+    fn all_of(voxels: Vec<Self::Voxel>) -> Vec<Self>;
     /// Says what is wrong with a value that cannot be used, with a transfer function or without.
     fn fault(self, through_function: bool) -> Option<&'static str>;
     /// Returns the field of active voxels; none for values that only boxes have.
@@ -81,6 +83,9 @@ macro_rules! values {
             fn of(voxel: $real) -> Self {
                 voxel
             }
+            fn all_of(voxels: Vec<$real>) -> Vec<Self> {
+                voxels
+            }
             fn fault(self, through_function: bool) -> Option<&'static str> {
                 match self {
                     v if !v.is_finite() => Some(NOT_FINITE),
@@ -103,6 +108,9 @@ macro_rules! values {
             }
             fn of(voxel: $four) -> Self {
                 voxel.to_array()
+            }
+            fn all_of(voxels: Vec<$four>) -> Vec<Self> {
+                voxels.into_iter().map(Self::of).collect()
             }
             fn fault(self, _: bool) -> Option<&'static str> {
                 match self {
@@ -265,7 +273,7 @@ impl Arranged {
     /// Adds derivatives with respect to stored values onto the array's.
     pub(super) fn gather<T: Value>(&self, stored: &[T::Voxel]) -> Vec<T> {
         match self {
-            Self::Box(dense) => dense.gather(stored).into_iter().map(T::of).collect(),
+            Self::Box(dense) => T::all_of(dense.gather(stored)),
             Self::Active(active) => T::gather(active, stored),
         }
     }

@@ -73,8 +73,9 @@ impl<R: Real> Preintegrated<R> {
         let gaps = table.at(background.f64())[3] > 0.0;
         let voxel = field.transform.voxel_size().max_element();
         let spacing = |values: &[R]| {
-            let roughness = roughness(values);
             let (low, high) = extremes(values).unwrap_or_default();
+            // Many bricks of a sparse volume are empty.
+            let roughness = if low == high { [R::ZERO; 2] } else { roughness(values) };
             let varied = tables.variation.between(R::Lanes::splat(low), R::Lanes::splat(high));
             let [depth, shift] = [varied.extinction, varied.shift].map(|lanes| lanes.store()[0].f64());
             let error = |h: f64| {
@@ -86,10 +87,10 @@ impl<R: Real> Preintegrated<R> {
             let halves = (DISTANCE[1] / DISTANCE[0]).log2() as i32 * 2 + 1;
             let distances = (0..halves).map(|k| DISTANCE[1] * (-0.5 * f64::from(k)).exp2());
             let distance = distances.into_iter().find(|h| error(*h) <= OF_BRICK * tolerance);
-            Spacing { density: R::of(distance.map_or(0.0, f64::recip)), roughness }
+            let spacing = Spacing { density: R::of(distance.map_or(0.0, f64::recip)), roughness };
+            (spacing, low != background || high != background)
         };
-        let bricks: Vec<(Spacing<R>, bool)> =
-            field.values.par_chunks(BRICK).map(|v| (spacing(v), v.iter().any(|v| *v != background))).collect();
+        let bricks: Vec<(Spacing<R>, bool)> = field.values.par_chunks(BRICK).map(spacing).collect();
         // Where gaps count, a brick that is clear is none.
         let occupied = if gaps { field.topology.masked(|brick| bricks[brick].1) } else { visible.clone() };
         let spacing = bricks.into_iter().map(|(spacing, _)| spacing).collect();

@@ -448,10 +448,6 @@ pub(super) fn nodes<R: Real>(
 
 /// Returns the largest magnitudes of second differences of a brick's values, along an axis and mixed over two.
 pub(super) fn roughness<R: Real>(values: &[R]) -> [R; 2] {
-    // Many bricks of a sparse volume are empty.
-    if values.iter().all(|v| *v == values[0]) {
-        return [R::ZERO; 2];
-    }
     // Row by row along z, four entries side by side; those of a row's end overlap with others.
     let row = |x: usize, y: usize| -> &[R] { &values[slot(x, y, 0)..][..EDGE] };
     let four = |row: &[R], z: usize| R::Lanes::load([row[z], row[z + 1], row[z + 2], row[z + 3]]);
