@@ -32,10 +32,16 @@ def call(*arguments: object, progress: Progress = False, threads: int | None = N
     Raises CumuloError, KeyboardInterrupt after Ctrl-C, and what `progress` raises.
     """
     said, code = _native.run([word(argument) for argument in arguments], listener(progress), threads or 0)
-    document: dict[str, Any] = json.loads(said)
+    try:
+        document: dict[str, Any] = json.loads(said)
+    except ValueError:
+        # Texts for people and shells: help, version, manual pages, completions.
+        raise CumuloError("usage", "this command has no document", None, None,
+                          "run it as a program: python -m cumulo; help has a function, `cumulo.help`") from None  # fmt: skip
     if code not in (0, 1):
-        failed = document.get("failed") or document.get("files") or []
-        raise CumuloError("frames-failed", f"{len(failed)} parts of the work failed", report=document)
+        failed = document.get("failed") or [file for file in document.get("files", ()) if "error" in file]
+        count = f"{len(failed)} parts" if len(failed) > 1 else "a part"
+        raise CumuloError("frames-failed", f"{count} of the work failed; the report says what", report=document)
     return document
 
 
