@@ -39,10 +39,20 @@ def call(*arguments: object, progress: Progress = False, threads: int | None = N
         raise CumuloError("usage", "this command has no document", None, None,
                           "run it as a program: python -m cumulo; help has a function, `cumulo.help`") from None  # fmt: skip
     if code not in (0, 1):
-        failed = document.get("failed") or [file for file in document.get("files", ()) if "error" in file]
-        count = f"{len(failed)} parts" if len(failed) > 1 else "a part"
-        raise CumuloError("frames-failed", f"{count} of the work failed; the report says what", report=document)
+        raise CumuloError("frames-failed", failures(document), report=document)
     return document
+
+
+def failures(document: dict[str, Any]) -> str:
+    """How many parts of the work of a document failed, and what befell the first."""
+    failed = document.get("failed") or [file for file in document.get("files", ()) if "error" in file]
+    count = f"{len(failed)} parts" if len(failed) > 1 else "a part"
+    if not failed:
+        return f"{count} of the work failed; the report says which"
+    error = failed[0]["error"]
+    # Frames have the text of their error, files have its facts.
+    said = error if isinstance(error, str) else f"{failed[0].get('path') or failed[0].get('input')}: {error['what']}\n  {error['do']}"
+    return f"{count} of the work failed{', the first' if len(failed) > 1 else ''}: {said}"
 
 
 def help(command: str = "") -> str:

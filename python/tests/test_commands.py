@@ -351,6 +351,16 @@ def test_the_module_is_the_program(plume, shots, tmp_path):
     assert ran("--version").stdout.split()[:2] == ["cumulo", package.__version__]
 
 
+def test_the_process_that_tries_grids_of_points_finds_the_package(plume, tmp_path):
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    for file, code in ((plume, 0), (plume.parent / "README.md", 2)):
+        done = subprocess.run(
+            [sys.executable, *package._helper, "try-grid", str(2**30)], cwd=tmp_path, env=environment, input=file.read_bytes(),
+            capture_output=True,
+        )  # fmt: skip
+        assert done.returncode == code and b"Traceback" not in done.stderr, done.stderr
+
+
 def test_volumes_and_pictures_are_arrays(plume, shots, tmp_path):
     smoke = arrays.read_volume(plume)
     assert smoke.values.shape == (33, 36, 44) and smoke.values.dtype == np.float32 and smoke.name == "density"
