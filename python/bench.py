@@ -375,8 +375,8 @@ def viewpoints():
     subjects = {name: subject(name) for name in ("head", "c60")} | {"plume": (plume, None), "plume, peaks": (plume, subject("c60")[1])}
     for name, (volume, function) in subjects.items():
         seen = ["--tf", function] if function else []
-        options = [*seen, "--density-scale", "auto", "--size", "128x128", "--samples", 256, "-o", OUT / "best.json", "--overwrite"]
-        found = cumulo.call("viewpoint", volume, *options)
+        options = [*seen, "--density-scale", "auto", "--size", "128x128", "--samples", 256, "--overwrite"]
+        found = cumulo.call("viewpoint", volume, *options, "-o", OUT / "best.json")
         best, sampled = found["entropy"], found["sampled_best_entropy"]
         cost = found["equivalent_renders"] / 256
         work, share = f"{name}, 8 starts, 128²", 100 * cost

@@ -86,8 +86,8 @@ __all__ = [
     "viewpoint",
 ]
 
-# Grids of points are tried in a process of their own before they are read here. That process may not find the package by
-# itself: its folder may be on this one's path alone.
+# Grids of points are tried in a process of their own before they are read here. That process may not find the package
+# by itself: its folder may be on this one's path alone.
 _place = _os.path.dirname(_os.path.dirname(_os.path.abspath(__file__)))
 _helper = ["-P", "-c", f"import sys; sys.path.insert(0, {_place!r}); from cumulo.__main__ import main; main()"]
 if _sys.executable:

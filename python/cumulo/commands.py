@@ -36,8 +36,8 @@ def call(*arguments: object, progress: Progress = False, threads: int | None = N
         document: dict[str, Any] = json.loads(said)
     except ValueError:
         # Texts for people and shells: help, version, manual pages, completions.
-        raise CumuloError("usage", "this command has no document", None, None,
-                          "run it as a program: python -m cumulo; help has a function, `cumulo.help`") from None  # fmt: skip
+        remedy = "run it as a program, `python -m cumulo`; of help the text is that of `cumulo.help`"
+        raise CumuloError("usage", "this command has no document", None, None, remedy) from None
     if code not in (0, 1):
         raise CumuloError("frames-failed", failures(document), report=document)
     return document
@@ -51,8 +51,9 @@ def failures(document: dict[str, Any]) -> str:
         return f"{count} of the work failed; the report says which"
     error = failed[0]["error"]
     # Frames have the text of their error, files have its facts.
-    said = error if isinstance(error, str) else f"{failed[0].get('path') or failed[0].get('input')}: {error['what']}\n  {error['do']}"
-    return f"{count} of the work failed{', the first' if len(failed) > 1 else ''}: {said}"
+    if not isinstance(error, str):
+        error = f"{failed[0].get('path') or failed[0].get('input')}: {error['what']}\n  {error['do']}"
+    return f"{count} of the work failed{', the first' if len(failed) > 1 else ''}: {error}"
 
 
 def help(command: str = "") -> str:

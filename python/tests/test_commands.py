@@ -1,4 +1,4 @@
-"""Commands in this process: reports, options, errors, progress, interrupts, threads, forks, arrays; and `python -m cumulo`."""
+"""Commands in this process: reports, errors, progress, interrupts, threads, forks, arrays; and `python -m cumulo`."""
 
 import concurrent.futures
 import dataclasses
@@ -132,7 +132,8 @@ def test_what_is_refused_is_an_exception_with_its_remedy(plume, tmp_path):
         package.info(tmp_path / "nothing.vdb")
     assert caught.value.code == "not-found" and caught.value.what.startswith("No such file")
     assert caught.value.path == tmp_path / "nothing.vdb" and caught.value.part is None
-    assert caught.value.remedy.startswith("check the spelling") and str(tmp_path / "nothing.vdb: No such file") in str(caught.value)
+    assert caught.value.remedy.startswith("check the spelling")
+    assert str(tmp_path / "nothing.vdb: No such file") in str(caught.value)
     with pytest.raises(CumuloError) as caught:
         package.render(plume, tmp_path / "out", views=1, size=(8, 8), max_memory="1K")
     assert (caught.value.code, caught.value.path, caught.value.part) == ("memory-limit", plume, "grid 'density'")
@@ -153,7 +154,8 @@ def test_mistakes_name_the_argument_as_python_does(plume, tmp_path):
     ):
         with pytest.raises(CumuloError) as caught:
             package.render(plume, tmp_path / "out", views=1, **wrong)
-        assert caught.value.code == "usage" and expected in caught.value.what and "--" not in str(caught.value), caught.value
+        assert caught.value.code == "usage" and expected in caught.value.what, caught.value
+        assert "--" not in str(caught.value)
     assert not (tmp_path / "out").exists()
     with pytest.raises(CumuloError, match="`overwrite`") as caught:
         for edge in (4, 5):
@@ -261,7 +263,8 @@ except KeyboardInterrupt:
         process.kill()
     # The machine may have more to do.
     assert time.monotonic() - start < 5
-    assert "interrupted vdb" in out and said.rstrip().endswith("KeyboardInterrupt") and process.returncode == -signal.SIGINT
+    assert "interrupted vdb" in out and said.rstrip().endswith("KeyboardInterrupt")
+    assert process.returncode == -signal.SIGINT
     assert not list(tmp_path.rglob("*.exr"))
 
 
@@ -313,8 +316,8 @@ def test_processes_of_multiprocessing_work(plume, tmp_path, method):
     script = tmp_path / "work.py"
     script.write_text(SPAWNED)
     done = subprocess.run(
-        [sys.executable, script, plume, tmp_path / "out", method], env={**os.environ, "PYTHONPATH": str(PACKAGE)}, capture_output=True,
-        text=True, timeout=300,
+        [sys.executable, script, plume, tmp_path / "out", method], env={**os.environ, "PYTHONPATH": str(PACKAGE)},
+        capture_output=True, text=True, timeout=300,
     )  # fmt: skip
     assert done.stdout == f"{[(1, 'not-found')] * 4}\n", done.stdout + done.stderr
 
@@ -335,8 +338,8 @@ def test_a_fork_works(plume, shots, tmp_path):
 def test_the_module_is_the_program(plume, shots, tmp_path):
     def ran(*words):
         return subprocess.run(
-            [sys.executable, "-m", "cumulo", *map(str, words)], env={**os.environ, "PYTHONPATH": str(PACKAGE)}, capture_output=True,
-            text=True, stdin=subprocess.DEVNULL,
+            [sys.executable, "-m", "cumulo", *map(str, words)], env={**os.environ, "PYTHONPATH": str(PACKAGE)},
+            capture_output=True, text=True, stdin=subprocess.DEVNULL,
         )  # fmt: skip
 
     done = ran("info", plume)
@@ -355,8 +358,8 @@ def test_the_process_that_tries_grids_of_points_finds_the_package(plume, tmp_pat
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     for file, code in ((plume, 0), (plume.parent / "README.md", 2)):
         done = subprocess.run(
-            [sys.executable, *package._helper, "try-grid", str(2**30)], cwd=tmp_path, env=environment, input=file.read_bytes(),
-            capture_output=True,
+            [sys.executable, *package._helper, "try-grid", str(2**30)], cwd=tmp_path, env=environment,
+            input=file.read_bytes(), capture_output=True,
         )  # fmt: skip
         assert done.returncode == code and b"Traceback" not in done.stderr, done.stderr
 
