@@ -35,9 +35,9 @@ import pyopenvdb as vdb
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "python"))
 sys.path.insert(0, str(ROOT / "python" / "peers"))
-import field  # noqa: E402  from this checkout
+import cumulo  # noqa: E402  from this checkout
+import field  # noqa: E402
 import results as results_page  # noqa: E402
-from cumulo.run import CumuloError, cumulo  # noqa: E402
 
 OUT = ROOT / "target" / "bench"
 PEERS = ROOT / "python" / "peers"
@@ -153,7 +153,7 @@ def psnr(path, truth):
 def ours(data, iterations):
     """Decibels, and seconds from the first picture read to the volume ready to be written."""
     path = OUT / f"{data.name}.vdb"
-    report = cumulo("reconstruct", "density", data, "-o", path, "--held-out", 0, "--iterations", iterations, "--quiet")
+    report = cumulo.call("reconstruct", "density", data, "-o", path, "--held-out", 0, "--iterations", iterations)
     return psnr(path, np.load(data / "truth.npy")), report["seconds"]
 
 
@@ -343,13 +343,13 @@ def transfers(rounds):
     say("TF: transfer functions of a known volume")
     volume, function = subject("head")
     views = ["--views", 9, "--size", "512x512", "--density-scale", "auto"]
-    cumulo("render", volume, "--tf", function, *views, "--overwrite", "-o", OUT / "head", "--quiet")
+    cumulo.call("render", volume, "--tf", function, *views, "--overwrite", "-o", OUT / "head")
     runs = {texels: [] for texels in TEXELS}
     for _ in range(rounds):
         for texels, of in runs.items():
             out = OUT / "found.tf.json"
-            given = ["--volume", volume, "-o", out, "--texels", texels, "--quiet"]
-            of.append(cumulo("reconstruct", "tf", OUT / "head", *given))
+            given = ["--volume", volume, "-o", out, "--texels", texels]
+            of.append(cumulo.call("reconstruct", "tf", OUT / "head", *given))
     seconds = {texels: statistics.median(run["seconds"] for run in of) for texels, of in runs.items()}
     for texels, of in runs.items():
         quality, likeness = of[0]["held_out_psnr_db"], of[0]["held_out_ssim"]
@@ -375,8 +375,8 @@ def viewpoints():
     subjects = {name: subject(name) for name in ("head", "c60")} | {"plume": (plume, None), "plume, peaks": (plume, subject("c60")[1])}
     for name, (volume, function) in subjects.items():
         seen = ["--tf", function] if function else []
-        options = [*seen, "--density-scale", "auto", "--size", "128x128", "--samples", 256, "-o", OUT / "best.json", "--overwrite", "--quiet"]
-        found = cumulo("viewpoint", volume, *options)
+        options = [*seen, "--density-scale", "auto", "--size", "128x128", "--samples", 256, "--overwrite"]
+        found = cumulo.call("viewpoint", volume, *options, "-o", OUT / "best.json")
         best, sampled = found["entropy"], found["sampled_best_entropy"]
         cost = found["equivalent_renders"] / 256
         work, share = f"{name}, 8 starts, 128²", 100 * cost
@@ -489,6 +489,6 @@ def main():
 if __name__ == "__main__":
     try:
         main()
-    except (CumuloError, OSError, subprocess.CalledProcessError) as error:
+    except (cumulo.CumuloError, OSError, subprocess.CalledProcessError) as error:
         say(f"error: {error}")
         sys.exit(2)

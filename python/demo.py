@@ -15,7 +15,7 @@ import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "python"))
-from cumulo.run import CumuloError, cumulo  # noqa: E402  from this checkout
+import cumulo  # noqa: E402  from this checkout
 
 OUT = ROOT / "demo-out"
 
@@ -57,10 +57,7 @@ def main():
     found, pictures, report = OUT / "found.vdb", OUT / "pictures", OUT / "report"
 
     say(f"{asked.views} pictures of it, {asked.size}, by Cumulo: {pictures}")
-    cumulo(
-        "render", smoke, "--views", asked.views, "--size", asked.size, "--density-scale", "auto", "-o", pictures,
-        json_report=False, progress=True,
-    )  # fmt: skip
+    cumulo.render(smoke, pictures, views=asked.views, size=asked.size, density_scale="auto", progress=True)
     if asked.blender:
         from cumulo import blender as cycles
         from cumulo import noise
@@ -79,37 +76,35 @@ def main():
         capture = cycles.render_capture(smoke, cameras, settings, pictures, progress=cycles.show_progress)
 
     say(f"the volume, from the pictures alone: {found}")
-    result = cumulo(
-        "reconstruct", "density", pictures, "-o", found, "--held-out", 2, "--report", report, progress=True
-    )
-    grid = cumulo("diff", smoke, found)["grids"][0]
+    result = cumulo.reconstruct.density(pictures, found, held_out=2, report=report, progress=True)
+    [grid] = cumulo.diff(smoke, found).grids
     beside = []
     if asked.blender:
         # Another seed tells how noisy the pictures themselves are.
         say("the held-out views again, with another seed, and the found volume, by Blender's Cycles")
-        held_out = result["held_out"]
+        held_out = result.held_out
         again = cycles.render_capture(smoke, [cameras[i] for i in held_out], dataclasses.replace(settings, seed=7001), OUT / "again")
         pairs = [(capture.frames[i][1], frame[1]) for i, frame in zip(held_out, again.frames)]
         powers = [noise.floor_of(read_exr(first), read_exr(second)).rms ** 2 for first, second in pairs]
         floor = noise.decibels((sum(powers) / len(powers)) ** 0.5)
-        shown = [cameras[i] for i in result["shown"]]
+        shown = [cameras[i] for i in result.shown]
         cycles.render_capture(found, shown, dataclasses.replace(settings, seed=9001), OUT / "found-cycles")
         beside = ["--beside", f"The found volume in Cycles={OUT / 'found-cycles'}"]
-    page = cumulo("report", report, "--reference", smoke, *beside)["report"]
+    page = cumulo.call("report", report, "--reference", smoke, *beside)["report"]
 
     say("done")
     print(f"report            {page}")
-    print(f"volume PSNR       {grid['psnr_db']:.2f} dB against {smoke}")
-    print(f"held-out views    {result['held_out_psnr_db']:.2f} dB")
+    print(f"volume PSNR       {grid.psnr_db:.2f} dB against {smoke}")
+    print(f"held-out views    {result.held_out_psnr_db:.2f} dB")
     if asked.blender:
         print(f"their noise floor {floor:.2f} dB, from two seeds")
-    print(f"reconstruction    {result['seconds']:.1f} s, {result['iterations']} iterations, {result['peak_memory_mb']:.0f} MB")
+    print(f"reconstruction    {result.seconds:.1f} s, {result.iterations} iterations, {result.peak_memory_mb:.0f} MB")
     print(f"the whole demo    {time.monotonic() - start:.1f} s")
 
 
 if __name__ == "__main__":
     try:
         main()
-    except (CumuloError, OSError) as error:
+    except (cumulo.CumuloError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

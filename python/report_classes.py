@@ -10,14 +10,12 @@ stays JSON. To be run after a report of the program has changed; a test compares
 from __future__ import annotations
 
 import functools
-import json
 import keyword
 import pathlib
-import subprocess
 import textwrap
 from typing import Any
 
-from cumulo.run import program
+import cumulo
 
 PLACE = pathlib.Path(__file__).resolve().parent / "cumulo" / "results.py"
 WIDTH = 120
@@ -123,8 +121,7 @@ Schema = dict[str, Any]
 @functools.cache
 def schema(command: str) -> Schema:
     """The schema of a command's documents."""
-    done = subprocess.run([program(), "schema", command], check=True, capture_output=True, text=True)
-    return dict(json.loads(done.stdout))
+    return cumulo.call("schema", command)
 
 
 def definitions(name: str) -> list[tuple[str, Schema]]:

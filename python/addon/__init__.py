@@ -1,11 +1,10 @@
-"""Blender's extension for Cumulo: volumes exported, rendered, reconstructed and denoised by the `cumulo` program."""
+"""Blender's extension for Cumulo: volumes exported, rendered, reconstructed and denoised in Blender's process."""
 
 import bpy
 
-from . import denoise, export, job, load, panel, preferences, reconstruct, render, settings, views
+from . import denoise, export, job, load, panel, reconstruct, render, settings, views
 
 CLASSES = (
-    preferences.Preferences,
     settings.Settings,
     export.ExportScene,
     views.RenderViews,
@@ -27,7 +26,7 @@ def register():
 def unregister():
     """Called by Blender when the extension is switched off."""
     try:
-        # Blender forgets an operator that runs, and leaves its program and its progress to this.
+        # Blender forgets an operator that runs, and leaves its work and its progress to this.
         job.Job.stop(bpy.context)
     finally:
         del bpy.types.Scene.cumulo

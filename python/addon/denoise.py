@@ -1,13 +1,12 @@
 """Operator: Denoise Sequence."""
 
 import bpy
+from cumulo import bpy_scene
 
-from .cumulo import bpy_scene
 from .job import Job, labelled
-from .preferences import program_path
-from .program import run
 from .render import pictures_in, show
 from .settings import folder_of
+from .work import run
 
 
 class Denoise(Job, bpy.types.Operator):
@@ -27,17 +26,17 @@ class Denoise(Job, bpy.types.Operator):
 
     def steps(self, context):
         """Computes the motion of the only volume, and denoises along it; of several volumes pictures carry their own."""
-        program, scene = program_path(context), context.scene
+        scene = context.scene
         panel = scene.cumulo.folder
         pictures = folder_of(self.pictures) if self.pictures else folder_of(panel) / "render" / "frame.####.exr"
         folder = folder_of(self.folder) if self.folder else folder_of(panel) / "denoised"
         frames = bpy_scene.frames_of(scene)
-        words = [program, "denoise", pictures, "-o", folder / "frame.####.exr", "--overwrite"]
+        words = ["denoise", pictures, "-o", folder / "frame.####.exr", "--overwrite"]
         exported = yield from labelled("export", bpy_scene.export_steps(folder / "scene", scene, frames))
         if bpy_scene.count_volumes(scene) == 1:
             volume = yield from labelled("volume", bpy_scene.motion_steps(folder / "scene", scene, frames))
             motion = folder / "motion" / "frame.####.exr"
-            yield from run([program, "motion", *volume, "--cameras", exported.cameras, "-o", motion, "--overwrite"])
+            yield from run(["motion", *volume, "--cameras", exported.cameras, "-o", motion, "--overwrite"])
             words += ["--motion", f"files:{motion}"]
         before = stamps(folder)
         report = yield from run(words)

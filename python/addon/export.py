@@ -1,8 +1,8 @@
 """Operator: Export scene."""
 
 import bpy
+from cumulo import bpy_scene
 
-from .cumulo import bpy_scene
 from .job import Job, labelled
 from .settings import folder_of
 
@@ -26,7 +26,7 @@ class ExportScene(Job, bpy.types.Operator):
     )
 
     def steps(self, context):
-        """Exports one frame a step, and says how the program renders what was written."""
+        """Exports one frame a step, and gives the command that renders what was written."""
         scene = context.scene
         folder = folder_of(self.folder or scene.cumulo.folder)
         frames = frames_to_show(scene, self.animation)

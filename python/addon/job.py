@@ -4,14 +4,14 @@ import time
 
 import bpy
 
-from .program import ProgramError, Waiting
+from .work import Waiting
 
 # Seconds between two looks at a job.
 PAUSE = 0.1
 # Steps of the progress at the mouse pointer.
 SCALE = 1000
-# Blender raises ReferenceError about data that an undo, or a user, removed meanwhile.
-FAULTS = (ProgramError, ValueError, OSError, RuntimeError, ReferenceError)
+# Blender raises ReferenceError about data that an undo, or a user, removed meanwhile. CumuloError is a RuntimeError.
+FAULTS = (ValueError, OSError, RuntimeError, ReferenceError)
 
 
 def labelled(what, steps):
@@ -108,7 +108,8 @@ class Job:
     def _show(self, context, done, of, what):
         share = done / of if of else 0.0
         context.window_manager.progress_update(int(SCALE * share))
-        counted = f" {done} of {of}" if of else ""
+        # A single picture tells how much of it is done.
+        counted = f" {int(done)} of {of}" if of > 1 else f" {share:.0%}" if of else ""
         context.workspace.status_text_set(f"Cumulo: {what}{counted}    Esc: cancel")
 
     def _end(self, context):

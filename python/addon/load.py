@@ -1,8 +1,8 @@
 """Operator: Load Result."""
 
 import bpy
+from cumulo import bpy_scene
 
-from .cumulo import bpy_scene
 from .settings import folder_of
 
 

@@ -1,12 +1,11 @@
 """Operator: Reconstruct."""
 
 import bpy
+from cumulo import bpy_scene
 
-from .cumulo import bpy_scene
 from .job import Job
-from .preferences import program_path
-from .program import run
 from .settings import folder_of
+from .work import run
 
 
 class Reconstruct(Job, bpy.types.Operator):
@@ -36,12 +35,12 @@ class Reconstruct(Job, bpy.types.Operator):
     load: bpy.props.BoolProperty(name="Load", description="Load the result into the scene", default=True)
 
     def steps(self, context):
-        """Runs the program, and loads what it found."""
+        """Reconstructs, and loads what was found."""
         # By name, for the reconstruction takes a while, in which an undo makes all data anew.
         name, panel = context.scene.name, context.scene.cumulo.folder
         capture = folder_of(self.capture) if self.capture else folder_of(panel) / "views"
         output = folder_of(self.output) if self.output else folder_of(panel) / "reconstruction.vdb"
-        words = [program_path(context), "reconstruct", "density", capture, "-o", output]
+        words = ["reconstruct", "density", capture, "-o", output]
         if self.resolution:
             words += ["--resolution", self.resolution]
         report = yield from run(words)

@@ -1,13 +1,12 @@
 """Operator: Render with Cumulo."""
 
 import bpy
+from cumulo import bpy_scene
 
-from .cumulo import bpy_scene
 from .export import frames_to_show
 from .job import Job, labelled
-from .preferences import program_path
-from .program import run
 from .settings import folder_of
+from .work import run
 
 # Name of the image that shows the result, and the property by which it is known, for others may have its name.
 IMAGE = "Cumulo"
@@ -29,12 +28,12 @@ class Render(Job, bpy.types.Operator):
     samples: bpy.props.IntProperty(name="Samples", description="Paths per pixel", default=64, min=1)
 
     def steps(self, context):
-        """Exports the scene, runs the program, and loads the pictures."""
-        program, scene = program_path(context), context.scene
+        """Exports the scene, renders it, and loads the pictures."""
+        scene = context.scene
         folder = folder_of(self.folder) if self.folder else folder_of(scene.cumulo.folder) / "render"
         frames = frames_to_show(scene, self.animation)
         exported = yield from labelled("export", bpy_scene.export_steps(folder / "scene", scene, frames))
-        words = [program, *exported.arguments(folder, self.samples), "--overwrite"]
+        words = [*exported.arguments(folder, self.samples), "--overwrite"]
         if self.animation:
             # What Denoise Sequence follows.
             words += ["--aov", "motion"]

@@ -23,8 +23,8 @@ def load():
     sys.modules[NAME] = package
     # The panel draws buttons; what they do is not needed for that.
     for name in ("cumulo", "cumulo.bpy_scene"):
-        sys.modules[f"{NAME}.{name}"] = types.ModuleType(name)
-    sys.modules[f"{NAME}.cumulo"].bpy_scene = sys.modules[f"{NAME}.cumulo.bpy_scene"]
+        sys.modules[name] = types.ModuleType(name)
+    sys.modules["cumulo"].bpy_scene = sys.modules["cumulo.bpy_scene"]
     spec = importlib.util.spec_from_file_location(NAME, HERE / "__init__.py", submodule_search_locations=[str(HERE)])
     package = importlib.util.module_from_spec(spec)
     sys.modules[NAME] = package

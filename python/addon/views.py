@@ -1,8 +1,8 @@
 """Operator: Render Views for Reconstruction."""
 
 import bpy
+from cumulo import bpy_scene
 
-from .cumulo import bpy_scene
 from .job import Job, labelled
 from .settings import folder_of
 

@@ -22,6 +22,7 @@ empty voxels that Cycles needs.
 """
 
 import importlib as _importlib
+import os as _os
 import sys as _sys
 from typing import Any as _Any
 
@@ -85,9 +86,12 @@ __all__ = [
     "viewpoint",
 ]
 
-# Grids of points are tried in a process of their own before they are read here.
+# Grids of points are tried in a process of their own before they are read here. That process may not find the package
+# by itself: its folder may be on this one's path alone.
+_place = _os.path.dirname(_os.path.dirname(_os.path.abspath(__file__)))
+_helper = ["-P", "-c", f"import sys; sys.path.insert(0, {_place!r}); from cumulo.__main__ import main; main()"]
 if _sys.executable:
-    _native.set_helper(_sys.executable, ["-m", "cumulo"])
+    _native.set_helper(_sys.executable, _helper)
 
 
 def __getattr__(name: str) -> _Any:

@@ -32,11 +32,28 @@ def call(*arguments: object, progress: Progress = False, threads: int | None = N
     Raises CumuloError, KeyboardInterrupt after Ctrl-C, and what `progress` raises.
     """
     said, code = _native.run([word(argument) for argument in arguments], listener(progress), threads or 0)
-    document: dict[str, Any] = json.loads(said)
+    try:
+        document: dict[str, Any] = json.loads(said)
+    except ValueError:
+        # Texts for people and shells: help, version, manual pages, completions.
+        remedy = "run it as a program, `python -m cumulo`; of help the text is that of `cumulo.help`"
+        raise CumuloError("usage", "this command has no document", None, None, remedy) from None
     if code not in (0, 1):
-        failed = document.get("failed") or document.get("files") or []
-        raise CumuloError("frames-failed", f"{len(failed)} parts of the work failed", report=document)
+        raise CumuloError("frames-failed", failures(document), report=document)
     return document
+
+
+def failures(document: dict[str, Any]) -> str:
+    """How many parts of the work of a document failed, and what befell the first."""
+    failed = document.get("failed") or [file for file in document.get("files", ()) if "error" in file]
+    count = f"{len(failed)} parts" if len(failed) > 1 else "a part"
+    if not failed:
+        return f"{count} of the work failed; the report says which"
+    error = failed[0]["error"]
+    # Frames have the text of their error, files have its facts.
+    if not isinstance(error, str):
+        error = f"{failed[0].get('path') or failed[0].get('input')}: {error['what']}\n  {error['do']}"
+    return f"{count} of the work failed{', the first' if len(failed) > 1 else ''}: {error}"
 
 
 def help(command: str = "") -> str:

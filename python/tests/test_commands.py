@@ -1,19 +1,24 @@
-"""The typed layer over the program: reports, options, errors, progress, cancellation, arrays."""
+"""Commands in this process: reports, errors, progress, interrupts, threads, forks, arrays; and `python -m cumulo`."""
 
+import concurrent.futures
 import dataclasses
+import json
 import os
+import pathlib
 import pickle
 import signal
 import subprocess
 import sys
-import threading
 import time
-import pathlib
 
 import cumulo as package
 import numpy as np
 import pytest
-from cumulo import arrays, options, results, run
+from cumulo import CumuloError, arrays, options, results
+
+PACKAGE = pathlib.Path(__file__).resolve().parents[1]
+# What would render for minutes.
+LONG = {"views": 1, "size": (512, 512), "albedo": 0.99, "density_scale": 50, "sky": (1, 1, 1), "samples": 4096}
 
 
 def unknown(report):
@@ -111,7 +116,7 @@ def test_stages_are_written_and_checked(plume, tmp_path):
     assert not found and [finding.id for stage in found.stages for finding in stage.findings] == ["default-prim"]
     fixed = package.usd.lint(tmp_path / "b.usda", fix=tmp_path / "fixed.usda")
     assert fixed and fixed.layer == tmp_path / "fixed.usda" and fixed.stages[0].findings[0].fixed
-    with pytest.raises(run.CumuloError, match="nothing.usda"):
+    with pytest.raises(CumuloError, match="nothing.usda"):
         package.usd.lint(tmp_path / "nothing.usda")
 
 
@@ -122,21 +127,59 @@ def test_a_list_is_no_path(plume):
     assert len(package.validate(plume, plume).files) == 2
 
 
-def test_what_is_refused_is_an_exception_with_its_advice(plume, tmp_path):
-    with pytest.raises(run.CumuloError) as caught:
+def test_what_is_refused_is_an_exception_with_its_remedy(plume, tmp_path):
+    with pytest.raises(CumuloError) as caught:
         package.info(tmp_path / "nothing.vdb")
-    assert caught.value.code == 2 and "nothing.vdb: No such file" in caught.value.message
-    assert caught.value.kind == "not-found"
-    assert caught.value.hint.startswith("check the spelling") and "cumulo info" in str(caught.value)
-    with pytest.raises(run.CumuloError) as caught:
-        package.render(plume, tmp_path / "out", views=1, no_such_option=3)
-    assert "--no-such-option" in caught.value.message and caught.value.kind == "usage"
+    assert caught.value.code == "not-found" and caught.value.what.startswith("No such file")
+    assert caught.value.path == tmp_path / "nothing.vdb" and caught.value.part is None
+    assert caught.value.remedy.startswith("check the spelling")
+    assert str(tmp_path / "nothing.vdb: No such file") in str(caught.value)
+    with pytest.raises(CumuloError) as caught:
+        package.render(plume, tmp_path / "out", views=1, size=(8, 8), max_memory="1K")
+    assert (caught.value.code, caught.value.path, caught.value.part) == ("memory-limit", plume, "grid 'density'")
+    assert "`max_memory`" in caught.value.remedy
     again = pickle.loads(pickle.dumps(caught.value))
-    assert (again.code, again.kind) == (2, "usage")
-    assert (again.message, again.hint) == (caught.value.message, caught.value.hint)
+    assert (vars(again), str(again)) == (vars(caught.value), str(caught.value))
     # A name that begins with a dash is a name.
-    with pytest.raises(run.CumuloError, match="No such file"):
+    with pytest.raises(CumuloError, match="No such file"):
         package.info("--help.vdb")
+
+
+def test_mistakes_name_the_argument_as_python_does(plume, tmp_path):
+    for wrong, expected in (
+        ({"no_such_option": 3}, "unexpected argument 'no_such_option'"),
+        ({"density_scale": "thick"}, "invalid value 'thick' for 'density_scale"),
+        ({"samples": 0}, "invalid value '0' for 'samples"),
+        ({"max_bounces": 1, "sun": (0, 0)}, "'sun"),
+    ):
+        with pytest.raises(CumuloError) as caught:
+            package.render(plume, tmp_path / "out", views=1, **wrong)
+        assert caught.value.code == "usage" and expected in caught.value.what, caught.value
+        assert "--" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(CumuloError, match="`overwrite`") as caught:
+        for edge in (4, 5):
+            package.render(plume, tmp_path / "twice", views=1, size=(edge, edge))
+    assert caught.value.code == "output-exists"
+    with pytest.raises(CumuloError, match="unrecognized subcommand 'nonsense'"):
+        package.call("nonsense")
+
+
+def test_work_of_which_parts_fail_tells_them_in_its_report(plume, tmp_path):
+    with pytest.raises(CumuloError, match="a part of the work failed") as caught:
+        package.validate(plume, tmp_path / "nothing.vdb")
+    assert caught.value.code == "frames-failed"
+    good, missing = caught.value.report["files"]
+    assert good["valid"] and missing["error"]["code"] == "not-found"
+
+
+def test_texts_are_no_documents(plume):
+    said = package.help("reconstruct density")
+    assert "Usage: cumulo reconstruct density" in said and "--held-out" in said
+    assert package.call("info", plume)["files"][0]["format"] == "vdb"
+    for words in (["--version"], ["completions", "bash"], ["info", "--help"]):
+        with pytest.raises(CumuloError, match="no document"):
+            package.call(*words)
 
 
 def test_options_become_words():
@@ -152,48 +195,173 @@ def test_keys_of_a_newer_program_are_kept():
         results.Noise.of({"source": "halves"})
 
 
-def test_progress_hears_the_program_and_may_stop_it(plume, shots, tmp_path):
+def test_progress_is_told_of_events(shots, tmp_path):
     heard = []
-    package.reconstruct.density(shots.output, tmp_path / "a.vdb", resolution=8, iterations=1, progress=heard.append)
-    assert any("unknowns" in line for line in heard), heard
-
-    def refuse(line):
-        raise RuntimeError("enough")
-
-    with pytest.raises(RuntimeError, match="enough"):
-        package.reconstruct.density(shots.output, tmp_path / "b.vdb", resolution=8, iterations=1, progress=refuse)
+    package.reconstruct.density(shots.output, tmp_path / "a.vdb", resolution=8, iterations=2, progress=heard.append)
+    begun = {event["stage"]: event["name"] for event in heard if event["event"] == "began"}
+    assert begun.keys() == {event["stage"] for event in heard if event["event"] == "ended"}
+    assert "reading pictures" in begun.values() and any("unknowns" in event.get("text", "") for event in heard)
+    advanced = [event for event in heard if event["event"] == "advanced"]
+    assert advanced and all(event["done"] <= event["total"] for event in advanced if event["total"] is not None)
 
 
-def test_an_interrupt_ends_the_child(plume, tmp_path):
-    """KeyboardInterrupt arrives while the program works for minutes; nothing is left of it."""
-    script = "import cumulo, sys; cumulo.render(sys.argv[1], sys.argv[2], views=1, size=(512, 512), albedo=0.99, density_scale=50, sky=(1, 1, 1), samples=4096)"
-    command = [sys.executable, "-c", script, plume, tmp_path / "out"]
-    root = str(pathlib.Path(__file__).resolve().parents[1])
-    environment = {**os.environ, "PYTHONPATH": root, "CUMULO": run.program()}
-    # A shell that runs the tests in the background has them ignore interrupts, which children inherit.
-    child = subprocess.Popen(
-        command, env=environment, stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+def test_progress_is_shown_on_standard_error(plume, tmp_path, capfd):
+    package.render(plume, tmp_path / "out", views=2, size=(16, 16), progress=True)
+    said = capfd.readouterr()
+    assert "render" in said.err and not said.out
+    package.render(plume, tmp_path / "quiet", views=2, size=(16, 16))
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_exception_of_the_listener_stops_the_work_and_is_raised(plume, tmp_path):
+    class Enough(Exception):
+        pass
+
+    heard = []
+
+    def refuse(event):
+        heard.append(event)
+        if event["event"] == "advanced":
+            raise Enough(event["name"] if "name" in event else "advanced")
+
+    start = time.monotonic()
+    with pytest.raises(Enough, match="advanced"):
+        package.render(plume, tmp_path / "out", progress=refuse, **LONG)
+    assert time.monotonic() - start < 20 and heard[-1]["event"] == "advanced"
+    assert not list(tmp_path.rglob("*.exr"))
+    # The next command is not stopped.
+    assert package.render(plume, tmp_path / "out", views=1, size=(8, 8)).views == 1
+
+
+def child(script, *words, **options):
+    """A Python process with the package, which obeys interrupts: a shell that runs the tests in the background has them
+    ignored, which children inherit."""
+    return subprocess.Popen(
+        [sys.executable, "-c", script, *map(str, words)], env={**os.environ, "PYTHONPATH": str(PACKAGE)}, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        **options,
     )  # fmt: skip
+
+
+def test_an_interrupt_stops_the_work_within_a_second_or_so(plume, tmp_path):
+    script = f"""
+import cumulo, sys, time
+begun = lambda event: event["event"] == "advanced" and print("works", flush=True)
+try:
+    cumulo.render(*sys.argv[1:], progress=begun, **{LONG!r})
+except KeyboardInterrupt:
+    print("interrupted", cumulo.info(sys.argv[1]).format)
+    raise
+"""
+    process = child(script, plume, tmp_path / "out")
     try:
-        deadline = time.monotonic() + 60
-        while not (programs := children(child.pid)):
-            assert time.monotonic() < deadline and child.poll() is None
-            time.sleep(0.05)
-        time.sleep(0.5)
-        # To Python alone: a terminal would reach both.
-        child.send_signal(signal.SIGINT)
-        _, said = child.communicate(timeout=60)
+        assert process.stdout.readline() == "works\n"
+        start = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        out, said = process.communicate(timeout=60)
     finally:
-        child.kill()
-    assert "KeyboardInterrupt" in said and not any(os.path.exists(f"/proc/{pid}") for pid in programs)
+        process.kill()
+    # The machine may have more to do.
+    assert time.monotonic() - start < 5
+    assert "interrupted vdb" in out and said.rstrip().endswith("KeyboardInterrupt")
+    assert process.returncode == -signal.SIGINT
     assert not list(tmp_path.rglob("*.exr"))
 
 
-def children(pid):
-    """Processes that a process started and that run the program."""
-    found = pathlib.Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return [c for c in found if "cumulo" in os.readlink(f"/proc/{c}/exe")]
+def test_threads_do_not_change_what_the_program_gives(program, plume, tmp_path):
+    words = ["--views=1", "--size=24x16", "--albedo=0.8", "--sky=1,1,1", "--density-scale=4", "--samples=8", "--seed=5"]
+    subprocess.run([program, "render", plume, *words, "-o", tmp_path / "program"], check=True, capture_output=True)
+    expected = arrays.read_picture(tmp_path / "program" / "view_000.exr").values
+    for threads in (1, 2):
+        made = package.call("render", plume, *words, "-o", tmp_path / str(threads), threads=threads)
+        assert np.array_equal(arrays.read_picture(pathlib.Path(made["output"]) / "view_000.exr").values, expected)
+    document = subprocess.run([program, "info", plume, "--json"], check=True, capture_output=True, text=True).stdout
+    assert json.loads(document) == package.call("info", plume)
+
+
+def test_threads_of_python_call_at_once(plume, tmp_path):
+    def work(seed):
+        options = {"views": 1, "size": (16, 16), "albedo": 0.8, "sky": (1, 1, 1), "density_scale": 4, "samples": 8}
+        made = package.render(plume, tmp_path / f"{seed}", seed=seed % 2, **options)
+        return package.info(plume).format, arrays.read_picture(made.output / "view_000.exr").values
+
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(work, range(8)))
+    assert {form for form, _ in found} == {"vdb"}
+    assert all(np.array_equal(picture, found[k % 2][1]) for k, (_, picture) in enumerate(found))
+    assert not np.array_equal(found[0][1], found[1][1])
+
+
+SPAWNED = """
+import multiprocessing, sys
+import cumulo
+
+def work(output):
+    made = cumulo.render(sys.argv[1], output, views=1, size=(16, 16), density_scale="auto")
+    try:
+        cumulo.info("nothing.vdb")
+    except cumulo.CumuloError as error:
+        return made.views, error.code
+
+if __name__ == "__main__":
+    work(sys.argv[2] + "first")
+    with multiprocessing.get_context(sys.argv[3]).Pool(2) as pool:
+        print(pool.map(work, [sys.argv[2] + name for name in "abcd"]))
+"""
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])
+def test_processes_of_multiprocessing_work(plume, tmp_path, method):
+    """They do after the process itself has worked, and has threads that a fork lacks."""
+    script = tmp_path / "work.py"
+    script.write_text(SPAWNED)
+    done = subprocess.run(
+        [sys.executable, script, plume, tmp_path / "out", method], env={**os.environ, "PYTHONPATH": str(PACKAGE)},
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.stdout == f"{[(1, 'not-found')] * 4}\n", done.stdout + done.stderr
+
+
+def test_a_fork_works(plume, shots, tmp_path):
+    process = os.fork()
+    if process == 0:
+        try:
+            made = package.render(plume, tmp_path / "out", views=2, size=(16, 16), density_scale="auto")
+            os._exit(made.views)
+        except BaseException:  # noqa: BLE001  the tests go on in the parent alone
+            os._exit(99)
+    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 2
+    # And so does what was forked.
+    assert package.render(plume, tmp_path / "again", views=2, size=(16, 16), density_scale="auto").views == 2
+
+
+def test_the_module_is_the_program(plume, shots, tmp_path):
+    def ran(*words):
+        return subprocess.run(
+            [sys.executable, "-m", "cumulo", *map(str, words)], env={**os.environ, "PYTHONPATH": str(PACKAGE)},
+            capture_output=True, text=True, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+
+    done = ran("info", plume)
+    assert done.returncode == 0 and "density" in done.stdout and not done.stderr
+    assert json.loads(ran("info", plume, "--json").stdout) == package.call("info", plume)
+    one, two = (shots.output / f"view_00{k}.exr" for k in (0, 1))
+    assert [ran("compare", one, other).returncode for other in (one, two)] == [0, 1]
+    done = ran("info", tmp_path / "nothing.vdb")
+    assert done.returncode == 2 and "nothing.vdb: No such file" in done.stderr
+    done = ran("render", plume, "--no-such-option", "-o", tmp_path / "out")
+    assert done.returncode == 2 and "--no-such-option" in done.stderr and "Traceback" not in done.stderr
+    assert ran("--version").stdout.split()[:2] == ["cumulo", package.__version__]
+
+
+def test_the_process_that_tries_grids_of_points_finds_the_package(plume, tmp_path):
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    for file, code in ((plume, 0), (plume.parent / "README.md", 2)):
+        done = subprocess.run(
+            [sys.executable, *package._helper, "try-grid", str(2**30)], cwd=tmp_path, env=environment,
+            input=file.read_bytes(), capture_output=True,
+        )  # fmt: skip
+        assert done.returncode == code and b"Traceback" not in done.stderr, done.stderr
 
 
 def test_volumes_and_pictures_are_arrays(plume, shots, tmp_path):
@@ -212,18 +380,10 @@ def test_volumes_and_pictures_are_arrays(plume, shots, tmp_path):
     assert picture.values.shape == (32, 32, 4) and picture.channels == ("R", "G", "B", "A")
     arrays.write_picture(tmp_path / "a.exr", picture.values)
     assert package.compare(tmp_path / "a.exr", shots.output / "view_000.exr")
-    with pytest.raises(run.CumuloError, match="no layer 'Mist'"):
+    with pytest.raises(CumuloError, match="no layer 'Mist'"):
         arrays.read_picture(shots.output / "view_000.exr", "Mist")
-    with pytest.raises(run.CumuloError, match="voxel-size"):
+    with pytest.raises(CumuloError, match="`voxel_size`"):
         arrays.write_volume(tmp_path / "b.vdb", smoke.values)
-
-
-def test_two_threads_may_call_at_once(plume):
-    found = []
-    threads = [threading.Thread(target=lambda: found.append(package.info(plume).format)) for _ in range(4)]
-    [t.start() for t in threads]
-    [t.join() for t in threads]
-    assert found == ["vdb"] * 4
 
 
 def test_the_guides_loss_of_ones_own_has_the_derivatives_of_its_difference_quotients(plume, tmp_path):

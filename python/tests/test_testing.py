@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 import pytest
-from cumulo import arrays, run
+from cumulo import arrays
 from cumulo.capture import Camera, look_at
 from cumulo.testing import Parity, Reference, ReferenceProblem, rounding, volume
 from cumulo.testing.reference import Store, changes
@@ -28,7 +28,7 @@ def plain(path=None, **options):
 
 
 @pytest.fixture
-def parity(cumulo, tmp_path):
+def parity(tmp_path):
     return Parity(Store(tmp_path / "references", tmp_path, "render"), tmp_path / "failures", tmp_path / "scratch", "a test")
 
 
@@ -56,7 +56,7 @@ def test_noisy_pictures_are_tested_by_seeds_or_against_a_truth(parity):
         parity.statistical(reference, lambda seed, path: noisy(seed), noiseless="both")
 
 
-def test_pictures_of_other_sizes_are_refused_by_the_program(parity):
+def test_pictures_of_other_sizes_are_refused(parity):
     from cumulo import CumuloError
 
     with pytest.raises(CumuloError, match="different sizes"):
@@ -75,7 +75,7 @@ def test_commands_are_candidates(parity, tmp_path):
         parity.exact(plain(), lambda seed, path: None, tolerance=0.0)
 
 
-def test_files_that_only_the_renderer_finds_count_wherever_they_are(cumulo, tmp_path):
+def test_files_that_only_the_renderer_finds_count_wherever_they_are(tmp_path):
     root, elsewhere = tmp_path / "project", tmp_path / "elsewhere"
     for folder in (root, elsewhere, elsewhere / "other"):
         folder.mkdir()
@@ -106,7 +106,7 @@ def test_files_that_only_the_renderer_finds_count_wherever_they_are(cumulo, tmp_
         store.pictures(reference(), [1])
 
 
-def test_references_are_kept_until_something_that_they_depend_on_changes(cumulo, tmp_path):
+def test_references_are_kept_until_something_that_they_depend_on_changes(tmp_path):
     calls = []
     scene = tmp_path / "scene.txt"
     scene.write_text("one")
@@ -164,7 +164,7 @@ def test_names_of_references_stay_within_their_folder(tmp_path):
     assert Reference("smoke v2 (wide)", lambda seed, path: EXPECTED).name == "smoke v2 (wide)"
 
 
-def test_the_example_of_the_guide_runs_as_it_is_written_and_without_bpy(cumulo, fixtures, tmp_path):
+def test_the_example_of_the_guide_runs_as_it_is_written_and_without_bpy(program, fixtures, tmp_path):
     page = (PACKAGE.parent / "src/guide/python.md").read_text().split("## Regression tests with pytest")[1]
     shots, test = page.split("```")[1], page.split("```")[3]
     assert shots.startswith("sh\n") and test.startswith("text\n# test_smoke.py\n")
@@ -173,26 +173,12 @@ def test_the_example_of_the_guide_runs_as_it_is_written_and_without_bpy(cumulo, 
     (tmp_path / "test_smoke.py").write_text(test.removeprefix("text\n"))
     # Wherever bpy is installed, it is not to be imported.
     (tmp_path / "bpy.py").write_text("raise ImportError('this environment has no bpy')\n")
-    program = run.program()
     for line in shots.splitlines()[1:]:
         words = shlex.split(line)
         subprocess.run([program, *words[1:]], cwd=tmp_path, check=True, capture_output=True)
     paths = os.pathsep.join([str(tmp_path), str(PACKAGE)])
-    environment = {**os.environ, "CUMULO": program, "PYTHONPATH": paths}
+    environment = {**os.environ, "PYTHONPATH": paths}
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "cumulo.testing.plugin"]
     for options, code, words in ((["--cumulo-regenerate"], 1, "rendered again: smoke"), ([], 0, "1 passed")):
         done = subprocess.run([*command, *options], cwd=tmp_path, env=environment, capture_output=True, text=True)
         assert done.returncode == code and words in done.stdout, done.stdout + done.stderr
-
-
-def test_a_program_that_is_missing_says_how_to_install_it(monkeypatch, tmp_path):
-    monkeypatch.setenv("CUMULO", str(tmp_path / "nothing"))
-    with pytest.raises(FileNotFoundError, match="CUMULO names .*nothing, and there is no such file"):
-        run.program()
-    # As if it was installed apart from a checkout.
-    monkeypatch.delenv("CUMULO")
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr(run, "__file__", str(tmp_path / "site-packages" / "cumulo" / "run.py"))
-    with pytest.raises(FileNotFoundError, match="cargo install .* set the environment variable CUMULO") as caught:
-        run.program()
-    assert "target" not in str(caught.value)

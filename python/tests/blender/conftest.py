@@ -39,7 +39,6 @@ def by_program(cumulo):
         cumulo(
             "render", vdb, "--cameras", asked / "transforms.json", "--model", settings.model,
             "--density-scale", settings.density_scale, "--quadrature", "exact", "-o", given,
-            json_report=False,
         )  # fmt: skip
         (_, picture), = Capture.read(given).frames
         return box_mean(read_exr(picture).astype(np.float64), supersample)

@@ -1,14 +1,17 @@
 """The extension in Blender without a window: every operator on a real scene, and what it says when something is wrong."""
 
+import base64
 import functools
+import hashlib
 import importlib
 import os
 import pathlib
+import platform
 import re
 import shlex
-import stat
 import subprocess
 import sys
+import threading
 import time
 import tomllib
 import types
@@ -19,7 +22,7 @@ import numpy as np
 import pytest
 import reference
 import smoke_scene
-from cumulo import padding, run
+from cumulo import __version__, padding
 from cumulo.capture import Capture
 from cumulo.cycles.stage import quiet
 from cumulo.exr import read_exr
@@ -31,10 +34,39 @@ TOOL = pathlib.Path(bpy.utils.system_resource("SCRIPTS")) / "addons_core" / "bl_
 
 
 @pytest.fixture(scope="module")
-def archive(tmp_path_factory):
+def wheel(tmp_path_factory):
+    """A wheel of the package as it is beside these tests, with its native module."""
+    package = ADDON.parent / "cumulo"
+    contents = {
+        path.relative_to(ADDON.parent).as_posix(): path.read_bytes()
+        for path in sorted(package.rglob("*"))
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    tags, about = f"cp311-abi3-linux_{platform.machine()}", f"cumulo-{__version__}.dist-info"
+    contents[f"{about}/METADATA"] = f"Metadata-Version: 2.1\nName: cumulo\nVersion: {__version__}\n".encode()
+    contents[f"{about}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: false\nTag: {tags}\n".encode()
+    hashes = {name: base64.urlsafe_b64encode(hashlib.sha256(content).digest()) for name, content in contents.items()}
+    record = [f"{name},sha256={hashes[name].decode().rstrip('=')},{len(content)}" for name, content in contents.items()]
+    contents[f"{about}/RECORD"] = "\n".join([*record, f"{about}/RECORD,,\n"]).encode()
+    target = tmp_path_factory.mktemp("wheel") / f"cumulo-{__version__}-{tags}.whl"
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+        for name, content in contents.items():
+            file.writestr(name, content)
+    return target
+
+
+def build(target, wheel):
+    """Runs what `make addon` runs."""
+    command = [sys.executable, ADDON / "build.py", target, "--wheel", wheel]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def archive(wheel, tmp_path_factory):
     """The installable .zip, as `make addon` builds it."""
     target = tmp_path_factory.mktemp("addon") / "cumulo.zip"
-    subprocess.run([sys.executable, ADDON / "build.py", target], check=True, stdout=subprocess.DEVNULL)
+    done = build(target, wheel)
+    assert done.returncode == 0 and done.stdout == f"{target}\n", done.stderr
     return target
 
 
@@ -42,11 +74,14 @@ def archive(tmp_path_factory):
 def installed(archive, tmp_path_factory):
     """The folder of a repository of extensions with the archive in it."""
     folder = tmp_path_factory.mktemp("extensions")
-    _repository(folder)
-    with quiet():
-        bpy.ops.extensions.package_install_files(filepath=str(archive), repo="cumulo_test", enable_on_install=False)
-    assert (folder / "cumulo" / "blender_manifest.toml").is_file()
-    return folder
+    with pytest.MonkeyPatch.context() as patch:
+        # Where Blender unpacks wheels; not the user's.
+        patch.setenv("BLENDER_USER_EXTENSIONS", str(tmp_path_factory.mktemp("wheels")))
+        _repository(folder)
+        with quiet():
+            bpy.ops.extensions.package_install_files(filepath=str(archive), repo="cumulo_test", enable_on_install=False)
+        assert (folder / "cumulo" / "blender_manifest.toml").is_file()
+        yield folder
 
 
 def _repository(folder):
@@ -58,13 +93,12 @@ def _repository(folder):
 
 
 @pytest.fixture
-def addon(installed, cumulo):
-    """Function that switches the extension on in the present session (a new scene ends it), with this program."""
+def addon(installed):
+    """Function that switches the extension on in the present session (a new scene ends it)."""
 
-    def enable(program=None):
+    def enable():
         _repository(installed)
         bpy.ops.preferences.addon_enable(module=NAME)
-        bpy.context.preferences.addons[NAME].preferences.program = str(program or run.program())
         return importlib.import_module(NAME)
 
     yield enable
@@ -72,17 +106,62 @@ def addon(installed, cumulo):
         bpy.ops.preferences.addon_disable(module=NAME)
 
 
-def test_the_archive_is_valid_and_the_same_each_time(archive, tmp_path):
+def test_the_archive_is_valid_and_the_same_each_time(archive, wheel, tmp_path):
     done = subprocess.run([sys.executable, TOOL, "validate", archive], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    subprocess.run([sys.executable, ADDON / "build.py", tmp_path / "again.zip"], check=True, stdout=subprocess.DEVNULL)
+    assert build(tmp_path / "again.zip", wheel).returncode == 0
     assert (tmp_path / "again.zip").read_bytes() == archive.read_bytes()
     crate = tomllib.loads((ADDON.parents[1] / "Cargo.toml").read_text())["workspace"]["package"]["version"]
-    package = re.search(r'^__version__ = "(.+)"$', (ADDON.parent / "cumulo" / "__init__.py").read_text(), re.MULTILINE)
-    manifest = tomllib.loads(zipfile.ZipFile(archive).read("blender_manifest.toml").decode())
-    assert crate == package[1] == manifest["version"]
-    names = zipfile.ZipFile(archive).namelist()
-    assert "blender_manifest.toml" in names and "cumulo/bpy_scene/export.py" in names and "build.py" not in names
+    with zipfile.ZipFile(archive) as file:
+        names, manifest = file.namelist(), tomllib.loads(file.read("blender_manifest.toml").decode())
+        assert file.read(f"wheels/{wheel.name}") == wheel.read_bytes()
+    assert crate == __version__ == manifest["version"]
+    assert manifest["wheels"] == [f"./wheels/{wheel.name}"] and manifest["platforms"] == ["linux-x64"]
+    assert "blender_manifest.toml" in names and not {"build.py", "screenshot.py"} & set(names)
+
+
+def test_a_wheel_that_is_not_the_packages_is_refused(tmp_path):
+    for name, expected in (
+        (f"cumulo-{__version__}-py3-none-any.whl", "its name is none of a wheel of cumulo with a native module"),
+        ("cumulo-0.0.9-cp311-abi3-linux_x86_64.whl", f"it is of version 0.0.9, and the extension of {__version__}"),
+        (f"cumulo-{__version__}-cp311-abi3-linux_x86_64.whl", "No such file"),
+    ):
+        done = build(tmp_path / "a.zip", tmp_path / name)
+        assert done.returncode == 1 and done.stderr.startswith("error: ") and expected in done.stderr, done.stderr
+    assert not (tmp_path / "a.zip").exists()
+
+
+INSTALLS = """
+import sys
+import bpy
+archive, vdb, out = sys.argv[1:]
+repositories = bpy.context.preferences.extensions.repos
+repositories.new(name="Test", module="test", custom_directory=out + "/repository", source="USER")
+bpy.ops.extensions.package_install_files(filepath=archive, repo="test", enable_on_install=True)
+import cumulo
+print(cumulo.__file__)
+try:
+    bpy.ops.cumulo.reconstruct(capture=out + "/none", output=out + "/found.vdb")
+except RuntimeError as refused:
+    print(refused)
+cumulo.render(vdb, out + "/views", views=4, size=(24, 24), density_scale="auto")
+print(bpy.ops.cumulo.reconstruct(capture=out + "/views", output=out + "/found.vdb", resolution=12))
+print([thing.name for thing in bpy.context.scene.objects if thing.type == "VOLUME"])
+"""
+
+
+def test_blender_installs_the_package_with_the_extension(archive, fixtures, tmp_path):
+    """In a process of its own, which does not know the package."""
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    environment["BLENDER_USER_EXTENSIONS"] = str(tmp_path / "extensions")
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", INSTALLS, archive, fixtures / "plume.vdb", tmp_path], cwd=tmp_path,
+        env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    place = tmp_path / "extensions" / ".local"
+    assert str(place) in done.stdout and "none: No such file" in done.stdout, done.stdout
+    assert done.stdout.splitlines()[-2:] == ["{'FINISHED'}", "['found']"], done.stdout + done.stderr
 
 
 def test_nothing_is_left_when_it_is_switched_off(addon, fixtures):
@@ -221,36 +300,28 @@ def test_what_cannot_be_honored_is_reported_by_name(addon, fixtures, tmp_path):
             operator(folder=str(tmp_path / "out"))
 
 
-def test_a_missing_or_failing_program_is_reported(addon, fixtures, tmp_path, monkeypatch):
+def test_what_cumulo_refuses_is_reported(addon, fixtures, tmp_path):
     smoke_scene.smoke(fixtures / "plume.vdb")
-    addon(tmp_path / "nowhere")
-    with pytest.raises(RuntimeError, match="nowhere is no program; correct its path in the preferences"):
-        bpy.ops.cumulo.render(folder=str(tmp_path / "out"))
-    bpy.context.preferences.addons[NAME].preferences.program = ""
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(RuntimeError, match="No program cumulo on PATH"):
-        bpy.ops.cumulo.reconstruct(capture=str(tmp_path), output=str(tmp_path / "out.vdb"))
-    # On PATH it is found.
-    os.symlink(run.program(), tmp_path / "cumulo")
+    addon()
     with pytest.raises(RuntimeError) as refused:
         bpy.ops.cumulo.reconstruct(capture=str(tmp_path / "none"), output=str(tmp_path / "out.vdb"))
     assert "none: No such file" in str(refused.value) and "a capture is a transforms.json" in str(refused.value)
-    # One that dies without a word.
-    bpy.context.preferences.addons[NAME].preferences.program = str(script(tmp_path, "kill -9 $$"))
-    with pytest.raises(RuntimeError, match="ended with code -9, and said nothing"):
+    (tmp_path / "transforms.json").write_text("{}")
+    with pytest.raises(RuntimeError, match="transforms.json"):
         bpy.ops.cumulo.reconstruct(capture=str(tmp_path), output=str(tmp_path / "out.vdb"))
-    # Another program of that name.
-    script(tmp_path, "echo hello")
-    with pytest.raises(RuntimeError, match="gave no report; is it a cumulo of this version"):
-        bpy.ops.cumulo.reconstruct(capture=str(tmp_path), output=str(tmp_path / "out.vdb"))
+    # And nothing of it is left.
+    assert bpy.ops.cumulo.reconstruct.poll() and not working_threads()
 
 
-def script(folder, body):
-    """A program of a shell's words."""
-    path = folder / "program.sh"
-    path.write_text(f"#!/bin/sh\n{body}\n")
-    path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    return path
+def working_threads():
+    """Threads of the extension that work."""
+    return [thread for thread in threading.enumerate() if thread.name == "cumulo"]
+
+
+def long_render(vdb, folder):
+    """Words of a command that would render for minutes."""
+    return ["render", vdb, "--views", 1, "--size", "256x256", "--albedo", 0.99, "--density-scale", 50, "--sky", "1,1,1",
+            "--samples", 65536, "-o", folder]  # fmt: skip
 
 
 class Window:
@@ -269,42 +340,6 @@ def event(kind, value="PRESS"):
     return types.SimpleNamespace(type=kind, value=value)
 
 
-def test_esc_ends_the_program_and_the_progress(addon, fixtures, tmp_path):
-    smoke_scene.smoke(fixtures / "plume.vdb")
-    package = addon()
-    program = script(
-        tmp_path, f'echo "epochs: 3 of 12 after 2s, 6s to go; 20 dB" >&2; echo $$ > {tmp_path}/pid; exec sleep 60'
-    )
-
-    class Running(package.job.Job):
-        bl_label, reports = "Reconstruct", []
-
-        def steps(self, context):
-            yield from package.program.run([program, "reconstruct"])
-
-        def report(self, kind, text):
-            self.reports.append((kind, text))
-
-    job, window = Running(), Window()
-    assert job.start(window) == {"RUNNING_MODAL"}
-    assert not bpy.ops.cumulo.reconstruct.poll()
-    end = time.monotonic() + 20
-    while "Cumulo: epochs 3 of 12    Esc: cancel" not in window.status:
-        assert time.monotonic() < end, window.status
-        # Ticks go on to the operators of others.
-        assert job.modal(window, event("TIMER")) == {"PASS_THROUGH"}
-        time.sleep(0.02)
-    assert 250 in window.shown
-    assert job.modal(window, event("MOUSEMOVE")) == {"PASS_THROUGH"}
-    child = int((tmp_path / "pid").read_text())
-    assert job.modal(window, event("ESC")) == {"CANCELLED"}
-    assert job.reports == [({"WARNING"}, "Reconstruct was cancelled")]
-    assert window.shown[-1] == "end" and window.status[-1] is None
-    with pytest.raises(ProcessLookupError):
-        os.kill(child, 0)
-    assert bpy.ops.cumulo.reconstruct.poll()
-
-
 def working(package, steps):
     """A job of these steps, which keeps its reports."""
 
@@ -321,6 +356,47 @@ def working(package, steps):
             self.reports.append((kind, text))
 
     return Working()
+
+
+def test_esc_ends_the_work_and_the_progress(addon, fixtures, tmp_path):
+    smoke_scene.smoke(fixtures / "plume.vdb")
+    package = addon()
+    words, window = long_render(fixtures / "plume.vdb", tmp_path / "out"), Window()
+    job = working(package, lambda: package.work.run(words))
+    assert job.start(window) == {"RUNNING_MODAL"}
+    assert not bpy.ops.cumulo.reconstruct.poll()
+    end = time.monotonic() + 60
+    while not any(re.fullmatch("Cumulo: render [0-9]+%    Esc: cancel", text or "") for text in window.status):
+        assert time.monotonic() < end, window.status
+        # Ticks go on to the operators of others.
+        assert job.modal(window, event("TIMER")) == {"PASS_THROUGH"}
+        time.sleep(0.02)
+    assert job.modal(window, event("MOUSEMOVE")) == {"PASS_THROUGH"} and working_threads()
+    start = time.monotonic()
+    assert job.modal(window, event("ESC")) == {"CANCELLED"}
+    # At once, but for a machine that has more to do.
+    assert time.monotonic() - start < 3 and not working_threads()
+    assert job.reports == [({"WARNING"}, "Work was cancelled")]
+    assert window.shown[-1] == "end" and window.status[-1] is None
+    assert not list(tmp_path.rglob("*.exr")) and bpy.ops.cumulo.reconstruct.poll()
+
+
+def test_work_waits_for_stopped_work_that_has_not_ended(addon, fixtures, tmp_path, monkeypatch):
+    package = addon()
+    monkeypatch.setattr(package.work, "PATIENCE", 0.0)
+    go_on = threading.Event()
+    monkeypatch.setattr(package.work.cumulo, "call", lambda *words, progress: go_on.wait(60) and {"words": words})
+    steps = package.work.run(["first"])
+    next(steps)
+    steps.close()
+    assert len(working_threads()) == 1
+    steps = package.work.run(["second"])
+    assert next(steps) == (0, 0, "the work before ends") and isinstance(next(steps), package.work.Waiting)
+    go_on.set()
+    with pytest.raises(StopIteration) as ended:
+        while next(steps):
+            time.sleep(0.01)
+    assert ended.value.value == {"words": ("second",)}
 
 
 def test_a_job_that_fails_in_any_way_leaves_room_for_the_next(addon, fixtures):
@@ -354,19 +430,15 @@ def test_a_job_that_fails_in_any_way_leaves_room_for_the_next(addon, fixtures):
 def test_switching_the_extension_off_ends_its_job(addon, fixtures, tmp_path, monkeypatch):
     smoke_scene.smoke(fixtures / "plume.vdb")
     package = addon()
-    program = script(tmp_path, f"echo $$ > {tmp_path}/pid.new; mv {tmp_path}/pid.new {tmp_path}/pid; exec sleep 60")
-    job, window = working(package, lambda: package.program.run([program])), Window()
+    words, window = long_render(fixtures / "plume.vdb", tmp_path / "out"), Window()
+    job = working(package, lambda: package.work.run(words))
     job.start(window)
     # Blender's own window manager takes no timer of a stand-in.
     monkeypatch.setattr(package.job.Job, "stop", staticmethod(lambda _, stop=package.job.Job.stop: stop(window)))
-    end = time.monotonic() + 20
-    while not (tmp_path / "pid").exists():
-        assert time.monotonic() < end
-        job.modal(window, event("TIMER"))
-        time.sleep(0.02)
+    job.modal(window, event("TIMER"))
+    assert working_threads()
     bpy.ops.preferences.addon_disable(module=NAME)
-    with pytest.raises(ProcessLookupError):
-        os.kill(int((tmp_path / "pid").read_text()), 0)
+    assert not working_threads()
     assert package.job.Job.active is None and window.shown[-1] == "end" and window.status[-1] is None
     addon()
     assert bpy.ops.cumulo.reconstruct.poll()

@@ -1,13 +1,13 @@
-"""Captures and the thin layer over the program."""
+"""Captures, and commands beside Blender."""
 
 import json
 import math
 
 import numpy as np
 import pytest
+from cumulo import CumuloError
 from cumulo.capture import Camera, Capture, look_at, sphere_cameras
 from cumulo.exr import read_exr, write_exr
-from cumulo.run import CumuloError
 
 
 def test_written_captures_read_back(tmp_path):
@@ -68,7 +68,7 @@ def test_sphere_cameras_hold_the_box_in_view():
         assert (seen[:, 2] < 0).all() and x.min() > 0 and x.max() < 40 and y.min() > 0 and y.max() < 24
 
 
-def test_the_program_reports_and_refuses(cumulo, fixtures):
+def test_commands_report_and_refuse(cumulo, fixtures):
     same = cumulo("diff", fixtures / "plume.vdb", fixtures / "plume.vdb")["grids"]
     assert [grid["name"] for grid in same] == ["density"]
     assert same[0]["max_abs"] == 0 and same[0]["topology_iou"] == 1

@@ -7,7 +7,6 @@ import subprocess
 import sys
 
 import numpy as np
-from cumulo import run
 from cumulo.exr import read_exr
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
@@ -21,13 +20,13 @@ def commands():
     return [line.split("#")[0].strip() for line in block.splitlines()]
 
 
-def test_cycles_frames_become_quiet(tmp_path, fixtures):
+def test_cycles_frames_become_quiet(program, tmp_path, fixtures):
     (tmp_path / "smoke.vdb").write_bytes((fixtures / "plume.vdb").read_bytes())
     for line in commands():
         words = shlex.split(line)
         if words[0] == "cumulo":
             # Small pictures; the camera path decides on the size of all.
-            words = [run.program(), *words[1:], *(["--size", "48x36"] if words[1] == "render" else [])]
+            words = [program, *words[1:], *(["--size", "48x36"] if words[1] == "render" else [])]
         else:
             words = [sys.executable, *words[words.index("-m") :]]
         environment = {"PYTHONPATH": str(ROOT / "python")}

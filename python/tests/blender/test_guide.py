@@ -9,7 +9,6 @@ import sys
 import bpy
 import numpy as np
 import smoke_scene
-from cumulo import run
 from cumulo.capture import Capture
 from cumulo.cycles.stage import quiet
 from cumulo.exr import read_exr
@@ -24,13 +23,13 @@ def commands():
     return [line for fence in fences if fence.startswith("sh\n") for line in fence.splitlines()[1:] if line]
 
 
-def test_a_smoke_goes_through_all_commands_and_back(fixtures, cumulo, tmp_path):
+def test_a_smoke_goes_through_all_commands_and_back(fixtures, cumulo, program, tmp_path):
     scene = smoke_scene.smoke(fixtures / "plume.vdb", color=(0.8, 0.8, 0.8))
     smoke_scene.orbit(scene, (1, 2, 3))
     with quiet():
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "smoke.blend"))
     environment = dict(
-        os.environ, PYTHONPATH=str(ROOT / "python"), PATH=f"{pathlib.Path(run.program()).parent}:{os.environ['PATH']}"
+        os.environ, PYTHONPATH=str(ROOT / "python"), PATH=f"{pathlib.Path(program).parent}:{os.environ['PATH']}"
     )
     assert len(commands()) == 5
     for line in commands():

@@ -13,7 +13,7 @@ import sys
 import bpy
 import numpy as np
 import pytest
-from cumulo import arrays, run
+from cumulo import arrays
 from cumulo.testing import Parity, ReferenceProblem, blend_file, rounding
 from cumulo.testing.reference import Store
 
@@ -46,7 +46,6 @@ TEST = '''
 import json, os
 import cumulo
 import shot
-from cumulo import run
 from cumulo.capture import Capture
 from cumulo.testing import volume
 
@@ -87,8 +86,8 @@ def project(tmp_path_factory, cumulo):
 def ran(folder, *options, **environment):
     """Exit code and output of the project's tests."""
     command = [sys.executable, "-m", "pytest", "-p", "cumulo.testing.plugin", "-p", "no:cacheprovider", "-q", *options]
-    settings = {"PYTHONPATH": str(PACKAGE), "CUMULO": run.program(), **environment}
-    done = subprocess.run(command, cwd=folder, env={**os.environ, **settings}, capture_output=True, text=True)
+    settings = {**os.environ, "PYTHONPATH": str(PACKAGE), **environment}
+    done = subprocess.run(command, cwd=folder, env=settings, capture_output=True, text=True)
     return done.returncode, done.stdout + done.stderr
 
 
@@ -131,14 +130,14 @@ def test_a_reference_of_other_inputs_is_no_reference(project):
         picture.write_bytes(kept)
 
 
-def test_the_example_with_cycles_of_the_guide_runs_as_it_is_written(cumulo, fixtures, tmp_path):
+def test_the_example_with_cycles_of_the_guide_runs_as_it_is_written(program, fixtures, tmp_path):
     page = (PACKAGE.parent / "src/guide/python.md").read_text().split("## Regression tests with pytest")[1]
     shots, test = page.split("```")[1], page.split("```")[5]
     assert shots.startswith("sh\n") and test.startswith("text\n# test_cycles.py\n")
     shutil.copy(fixtures / "plume.vdb", tmp_path / "smoke.vdb")
     (tmp_path / "pytest.ini").write_text("[pytest]\n")
     (tmp_path / "test_cycles.py").write_text(test.removeprefix("text\n"))
-    path = f"{pathlib.Path(run.program()).parent}{os.pathsep}{os.environ['PATH']}"
+    path = f"{pathlib.Path(program).parent}{os.pathsep}{os.environ['PATH']}"
     for line in shots.splitlines()[1:]:
         subprocess.run(shlex.split(line), cwd=tmp_path, env={**os.environ, "PATH": path}, check=True, capture_output=True)
     code, said = ran(tmp_path, "--cumulo-regenerate", PATH=path)
