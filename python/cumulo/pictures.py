@@ -12,6 +12,7 @@ scene-linear red, green and blue with the background, and alpha = 1 - transmitta
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -192,4 +193,38 @@ def vjp(given: Prepared, by_pictures: Array, wanted: list[bool]) -> dict[str, An
         raise CumuloError("invalid", "derivatives that are not finite", None, "by_pictures",
                           "look for a division by zero, or a logarithm of zero, in the loss")  # fmt: skip
     found: dict[str, Any] = given.scene.vjp(by_pictures, *wanted)
+    return found
+
+
+def camera_changes(of: Mapping[str, Any], matrices: Array) -> Array | None:
+    """Changes of cameras, [views, 10], from those of `camera_to_world`, `focal` and `centre`, of which None is no change."""
+    if of["camera_to_world"] is None and of["focal"] is None and of["centre"] is None:
+        return None
+    change = np.zeros((len(matrices), CAMERA_PARTS))
+    if of["camera_to_world"] is not None:
+        moved = matrix(of["camera_to_world"])
+        change[:, :3] = moved[:, :3, 3]
+        turned = (moved[:, :3, :3] / _lengths(matrices) ** 2) @ matrices[:, :3, :3].transpose(0, 2, 1)
+        change[:, 3:6] = 0.5 * np.stack([turned[:, a, b] - turned[:, b, a] for a, b in ((2, 1), (0, 2), (1, 0))], -1)
+    for name, at in (("focal", 6), ("centre", 8)):
+        if of[name] is not None:
+            change[:, at : at + 2] = matrix(of[name])
+    return change
+
+
+def by_matrices(by: Array, matrices: Array) -> Array:
+    """Derivatives with respect to matrices, [views, 4, 4], from those with respect to positions and rotations: the
+    transpose of `camera_changes`."""
+    x, y, z = by[:, 3:6].T
+    zero = np.zeros_like(x)
+    cross = np.stack([np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], -2)
+    found = np.zeros_like(matrices)
+    found[:, :3, :3] = 0.5 * cross @ matrices[:, :3, :3] / _lengths(matrices) ** 2
+    found[:, :3, 3] = by[:, :3]
+    return found
+
+
+def _lengths(matrices: Array) -> Array:
+    """Lengths of a camera's axes, [views, 1, 3], which pictures do not depend on."""
+    found: Array = np.linalg.norm(matrices[:, :3, :3], axis=1, keepdims=True)
     return found

@@ -131,39 +131,6 @@ class Render(torch.autograd.Function):
         return Forward.apply(ctx.settings, *ctx.saved_tensors, *tangents)
 
 
-def _camera_changes(of: dict[str, Tensor | None], matrices: np.ndarray[Any, Any]) -> Any:
-    """Changes of cameras, [views, 10], from those of their matrices, focal lengths and principal points."""
-    if of["camera_to_world"] is None and of["focal"] is None and of["centre"] is None:
-        return None
-    change = np.zeros((len(matrices), pictures.CAMERA_PARTS))
-    if of["camera_to_world"] is not None:
-        moved = pictures.matrix(of["camera_to_world"])
-        change[:, :3] = moved[:, :3, 3]
-        turned = (moved[:, :3, :3] / _lengths(matrices) ** 2) @ matrices[:, :3, :3].transpose(0, 2, 1)
-        change[:, 3:6] = 0.5 * np.stack([turned[:, a, b] - turned[:, b, a] for a, b in ((2, 1), (0, 2), (1, 0))], -1)
-    for name, at in (("focal", 6), ("centre", 8)):
-        if of[name] is not None:
-            change[:, at : at + 2] = pictures.matrix(of[name])
-    return change
-
-
-def _lengths(matrices: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Lengths of a camera's axes, [views, 1, 3], which pictures do not depend on."""
-    return np.linalg.norm(matrices[:, :3, :3], axis=1, keepdims=True)
-
-
-def _by_matrices(by: np.ndarray[Any, Any], matrices: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Derivatives with respect to matrices, [views, 4, 4], from those with respect to positions and rotations: the
-    transpose of `_camera_changes`."""
-    x, y, z = by[:, 3:6].T
-    zero = np.zeros_like(x)
-    cross = np.stack([np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], -2)
-    found = np.zeros_like(matrices)
-    found[:, :3, :3] = 0.5 * cross @ matrices[:, :3, :3] / _lengths(matrices) ** 2
-    found[:, :3, 3] = by[:, :3]
-    return found
-
-
 class Derivatives(torch.autograd.Function):
     """Derivatives of pictures, whose own derivatives are refused by name.
 
@@ -207,7 +174,7 @@ class Forward(Derivatives):
         found = given.scene.jvp(
             None if values is None else pictures.array(values.detach().contiguous(), "tangent of values"),
             None if function is None else pictures.matrix(function).reshape(-1),
-            _camera_changes(of, pictures.matrix(inputs[2])),
+            pictures.camera_changes(of, pictures.matrix(inputs[2])),
             float(numbers("step", [0.0])[0]), float(numbers("density_scale", [0.0])[0]),
             list(numbers("emission", [0.0] * 3)), list(numbers("background", [0.0] * 3)),
         )  # fmt: skip
@@ -233,7 +200,7 @@ class Backward(Derivatives):
         by, matrices = found["cameras"], pictures.matrix(inputs[2])
         all_of = {
             "values": lambda: found["values"], "function": lambda: found["function"],
-            "camera_to_world": lambda: _by_matrices(by, matrices), "focal": lambda: by[:, 6:8], "centre": lambda: by[:, 8:10],
+            "camera_to_world": lambda: pictures.by_matrices(by, matrices), "focal": lambda: by[:, 6:8], "centre": lambda: by[:, 8:10],
             "density_scale": lambda: np.array(found["extinction"]), "emission": lambda: np.array(found["emission"]),
             "background": lambda: np.array(found["background"]), "step": lambda: np.array(found["step"]),
         }  # fmt: skip
