@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _native
+from .errors import CumuloError
 from .options import Path
 
 if TYPE_CHECKING:
@@ -19,6 +21,11 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from .capture import Camera
+
+
+def invalid(what: str, part: str | None, remedy: str) -> CumuloError:
+    """The exception of an argument that cannot be used."""
+    return CumuloError("invalid", what, None, part, remedy)
 
 
 class Lattice:
@@ -42,15 +49,24 @@ class Lattice:
         [0, 0, 0] (default: the box is centred at the world's origin); or `transform`, [4, 4]. `max_memory` bounds the
         memory in bytes that a call may take (default: half of the machine's). Raises `CumuloError`.
         """
-        numbers = tuple(int(n) for n in shape[:3])
+        try:
+            numbers = tuple(operator.index(n) for n in shape[:3])
+        except TypeError:
+            numbers = ()
+        if len(numbers) < 3 or not all(0 <= n < 2**63 for n in numbers):
+            raise invalid(f"an array of shape {shape!r}", "shape", "give the lengths of three axes, x, y and z")
         if transform is None:
             size = 1.0 if voxel_size is None else float(voxel_size)
             at = [-0.5 * size * (n - 1) for n in numbers] if origin is None else [float(v) for v in origin]
+            if len(at) != 3:
+                raise invalid(f"{len(at)} numbers", "origin", "give the world position of the centre of voxel [0, 0, 0]")
             rows = [[size if r == c else 0.0 for c in range(3)] + [at[r]] for r in range(3)] + [[0.0, 0.0, 0.0, 1.0]]
         else:
             if voxel_size is not None or origin is not None:
                 raise TypeError("give transform, or voxel_size and origin, not both")
             rows = [[float(v) for v in row] for row in transform]  # type: ignore[union-attr]
+            if [len(row) for row in rows] != [4, 4, 4, 4]:
+                raise invalid(f"{len(rows)} rows", "transform", "give four rows of four numbers")
         return cls(_native.Lattice.of_box(numbers, rows, max_memory))
 
     @classmethod

@@ -12,7 +12,9 @@ scene-linear red, green and blue with the background, and alpha = 1 - transmitta
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import operator
+import os
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,12 +22,16 @@ import numpy.typing as npt
 
 from . import _native
 from .errors import CumuloError
-from .fields import Cameras, Function, Lattice
+from .fields import Cameras, Function, Lattice, invalid
 
 Array = npt.NDArray[Any]
 
 # Numbers that a camera's derivatives have: position, rotation, focal lengths, principal point.
 CAMERA_PARTS = 10
+# Numbers of a row of a transfer function.
+COLUMNS = {"texture": 4, "piecewise": 5, "gaussians": 6}
+# Largest width and height of a picture, in pixels; largest numbers of rays along an edge of a pixel, and of threads.
+LARGEST, MOST_RAYS, MOST_THREADS = 65536, 64, 1024
 
 
 def array(values: Any, what: str = "values") -> Array:
@@ -35,13 +41,12 @@ def array(values: Any, what: str = "values") -> Array:
     """
 
     def wrong(found: str, remedy: str) -> CumuloError:
-        return CumuloError("invalid", f"{found}; an array of float32 or float64 in C order is expected", None, what, remedy)
+        return invalid(f"{found}; an array of float32 or float64 in C order is expected", what, remedy)
 
     if not isinstance(values, np.ndarray):
         if not hasattr(values, "__dlpack__"):
             raise wrong(f"an object of type {type(values).__name__}", "give a NumPy array, or an object with __dlpack__")
-        device = getattr(values, "__dlpack_device__", lambda: (1, 0))()
-        if int(device[0]) != 1:
+        if _elsewhere(values):
             raise wrong(f"an array on another device ({values.device})", "copy it to the processor first: array.cpu()")
         try:
             values = np.from_dlpack(values)
@@ -56,6 +61,15 @@ def array(values: Any, what: str = "values") -> Array:
     if not values.flags.aligned:
         raise wrong("an array that is not aligned", "copy it: array.copy()")
     return values
+
+
+def _elsewhere(values: Any) -> bool:
+    """True for an array that is not in the processor's memory."""
+    try:
+        return int(getattr(values, "__dlpack_device__", lambda: (1, 0))()[0]) != 1
+    except ValueError:
+        # PyTorch's tensors without a memory ("meta").
+        return True
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,47 +92,131 @@ def prepared(values: Any, cameras: Cameras, *, lattice: Lattice | None = None, f
     """Checks what `render` is given."""
     values = array(values)
     pre_shaded = values.ndim == 4
-    places = Lattice.box(values.shape[:3]) if lattice is None and values.ndim >= 3 else lattice
+    native = _cameras(cameras, values.itemsize)
+    if lattice is not None and not isinstance(lattice, Lattice):
+        raise invalid(f"an object of type {type(lattice).__name__}", "lattice", "give a cumulo.Lattice")
+    places = Lattice.box(values.shape[:3]) if lattice is None and values.ndim in (3, 4) else lattice
     if places is None:
-        raise CumuloError("invalid", f"an array of shape {values.shape} without a lattice", None, "values",
-                          "give an array [x, y, z], or the lattice of which it holds the values")  # fmt: skip
+        raise invalid(f"an array of shape {values.shape} without a lattice", "values",
+                      "give an array [x, y, z], or the lattice of which it holds the values")  # fmt: skip
     expected = places.shape + ((4,) if pre_shaded else ())
     if values.shape != expected:
-        raise CumuloError("invalid", f"an array of shape {values.shape} for a lattice of {expected}", None, "values",
-                          "give one value for each voxel; of a pre-shaded volume [x, y, z, 4]")  # fmt: skip
+        raise invalid(f"an array of shape {values.shape} for a lattice of {expected}", "values",
+                      "give one value for each voxel; of a pre-shaded volume [x, y, z, 4]")  # fmt: skip
     if pre_shaded and function is not None:
-        raise CumuloError("invalid", "a transfer function for a pre-shaded volume", None, "function",
-                          "leave it out: the volume has colors and extinctions of its own")  # fmt: skip
+        raise invalid("a transfer function for a pre-shaded volume", "function",
+                      "leave it out: the volume has colors and extinctions of its own")  # fmt: skip
     if emission_model not in ("grey", "linear"):
-        raise CumuloError("invalid", f"an emission model {emission_model!r}", None, "emission_model", 'give "grey" or "linear"')
-    width, height = cameras.size
-    native = _native.Cameras(
-        matrix(cameras.camera_to_world), matrix(cameras.focal), matrix(cameras.centre), width, height,
-        cameras.orthographic, cameras.near,
-    )  # fmt: skip
-    if len(native) == 0:
-        raise CumuloError("invalid", "no cameras", None, "cameras", "give one at least")
+        raise invalid(f"an emission model {emission_model!r}", "emission_model", 'give "grey" or "linear"')
+    if quadrature is not None and not isinstance(quadrature, str):
+        raise invalid(f"an object of type {type(quadrature).__name__}", "quadrature", 'give a name, such as "exact"')
     medium = _native.Medium(
-        float(density_scale), triple(emission), emission_model == "linear",
-        None if function is None else (function.kind, matrix(function.parameters).reshape(-1)),
-        (0.0, 1.0) if function is None else function.domain, triple(background), quadrature,
-        None if step is None else float(step),
+        number(density_scale, "density_scale"), triple(emission, "emission"), emission_model == "linear",
+        None if function is None else (function.kind, rows(function).reshape(-1)),
+        (0.0, 1.0) if function is None else tuple(matrix(function.domain, "domain", (2,))), triple(background, "background"),
+        quadrature, None if step is None else number(step, "step"),
     )  # fmt: skip
-    return Prepared(_native.Scene(places._native, values, native, medium, supersample, threads or 0, pre_shaded), values)
+    scene = _native.Scene(
+        places._native, values, native, medium, whole(supersample, "supersample", 1, MOST_RAYS),
+        whole(threads or 0, "threads", 0, MOST_THREADS), pre_shaded,
+    )  # fmt: skip
+    return Prepared(scene, values)
 
 
-def matrix(values: Any) -> npt.NDArray[np.float64]:
-    """Few numbers as float64, copied where they are not."""
-    if hasattr(values, "detach"):
-        values = values.detach().cpu().numpy()
-    return np.ascontiguousarray(values, dtype=np.float64)
+def _cameras(cameras: Cameras, bytes_each: int) -> Any:
+    """The native module's cameras, after a look at how much memory their pictures take."""
+    if not isinstance(cameras, Cameras):
+        raise invalid(f"an object of type {type(cameras).__name__}", "cameras", "give cumulo.Cameras")
+    if not isinstance(cameras.size, Sequence) or len(cameras.size) != 2:
+        raise invalid(f"a size {cameras.size!r}", "size", "give width and height in pixels")
+    width, height = (whole(length, "size", 1, LARGEST) for length in cameras.size)
+    matrices = matrix(cameras.camera_to_world, "camera_to_world", (None, 4, 4))
+    views = len(matrices)
+    if views == 0:
+        raise invalid("no cameras", "cameras", "give one at least")
+    # Pictures are put together from those of the views.
+    needed, limit = 8 * bytes_each * views * width * height, _memory()
+    if needed > limit:
+        raise CumuloError(
+            "memory-limit", f"{views} pictures of {width}x{height} pixels need {needed >> 20} MiB, {limit >> 20} MiB are allowed",
+            None, "cameras", "render fewer views, or smaller ones, at a time",
+        )  # fmt: skip
+    return _native.Cameras(
+        matrices, matrix(cameras.focal, "focal", (views, 2)), matrix(cameras.centre, "centre", (views, 2)), width, height,
+        bool(cameras.orthographic), number(cameras.near, "near"),
+    )  # fmt: skip
 
 
-def triple(values: Any) -> list[float]:
+def _memory() -> int:
+    """Bytes that pictures may take: half of the machine's memory, or 4 GiB where its size is unknown."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
+    except (AttributeError, OSError, ValueError):
+        return 4 << 30
+
+
+def matrix(values: Any, what: str = "values", shape: tuple[int | None, ...] | None = None) -> npt.NDArray[np.float64]:
+    """Few numbers as float64, copied where they are not; of a shape, in which None stands for any length."""
+    try:
+        if hasattr(values, "detach"):
+            # NumPy has no bfloat16.
+            found = values.detach().cpu()
+            values = (found if found.is_complex() else found.double()).numpy()
+        found = np.asarray(values)
+        if found.dtype.kind not in "fiub":
+            raise TypeError(f"numbers of {found.dtype}")
+        found = np.ascontiguousarray(found, dtype=np.float64)
+    except (NotImplementedError, RuntimeError, TypeError, ValueError) as error:
+        raise invalid(f"numbers are expected ({error})", what, "give real numbers, in the processor's memory") from error
+    if shape is not None and (found.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, found.shape))):
+        wanted = ", ".join("views" if n is None else str(n) for n in shape)
+        raise invalid(f"an array of shape {np.shape(values)}; [{wanted}] is expected", what, "give an array of that shape")
+    return found
+
+
+def number(value: Any, what: str) -> float:
+    """One number."""
+    found = matrix(value, what)
+    if found.size != 1:
+        raise invalid(f"{found.size} numbers", what, "give one number, or a tensor of one")
+    return float(found.reshape(()))
+
+
+def whole(value: Any, what: str, least: int, most: int) -> int:
+    """A whole number between bounds."""
+    try:
+        found = operator.index(value)
+    except TypeError as error:
+        raise invalid(f"{value!r} is no whole number", what, f"give one from {least} to {most}") from error
+    if not least <= found <= most:
+        raise invalid(f"{found} is out of bounds", what, f"give a whole number from {least} to {most}")
+    return found
+
+
+def kind(function: Function) -> str:
+    """The kind of a transfer function."""
+    found: str | None = getattr(function, "kind", None)
+    if found not in COLUMNS:
+        raise invalid(f"an object of type {type(function).__name__}", "function",
+                      "give a cumulo.Texture, cumulo.Piecewise or cumulo.Gaussians")  # fmt: skip
+    return found
+
+
+def rows(function: Function) -> npt.NDArray[np.float64]:
+    """The parameters of a transfer function, a row an entry."""
+    columns = COLUMNS[kind(function)]
+    found = matrix(function.parameters, "function")
+    if found.ndim != 2 or found.shape[1] != columns or len(found) == 0:
+        raise invalid(f"an array of shape {found.shape} for a {function.kind} function", "function",
+                      f"give an array [n, {columns}] of one entry or more")  # fmt: skip
+    return found
+
+
+def triple(values: Any, what: str) -> list[float]:
     """Red, green and blue."""
-    found = matrix(values).reshape(-1)
+    found = matrix(values, what).reshape(-1)
     if found.shape != (3,):
-        raise CumuloError("invalid", f"{found.size} numbers of a color", None, None, "give red, green and blue")
+        raise invalid(f"{found.size} numbers of a color", what, "give red, green and blue")
     return [float(v) for v in found]
 
 
@@ -170,14 +268,13 @@ def gradient(by_pictures: Any, values: Any, cameras: Cameras, *, wrt: tuple[str,
     """
     unknown = set(wrt) - {"values", "function", "cameras"}
     if unknown:
-        raise CumuloError("invalid", f"derivatives with respect to {sorted(unknown)}", None, "wrt",
-                          'give some of "values", "function", "cameras"')  # fmt: skip
+        raise invalid(f"derivatives with respect to {sorted(unknown)}", "wrt", 'give some of "values", "function", "cameras"')
     given = prepared(values, cameras, **settings)
     function = settings.get("function")
     found = vjp(given, array(by_pictures, "by_pictures"), [name in wrt for name in ("values", "function", "cameras")])
     return Gradient(
         found["values"].reshape(given.values.shape) if "values" in wrt else None,
-        found["function"].reshape(np.shape(matrix(function.parameters))) if "function" in wrt and function else None,
+        found["function"].reshape(rows(function).shape) if "function" in wrt and function else None,
         found["cameras"] if "cameras" in wrt else None,
         found["extinction"], np.array(found["emission"]), np.array(found["background"]),
         found["step"] if "cameras" in wrt else None,
@@ -187,11 +284,11 @@ def gradient(by_pictures: Any, values: Any, cameras: Cameras, *, wrt: tuple[str,
 def vjp(given: Prepared, by_pictures: Array, wanted: list[bool]) -> dict[str, Any]:
     """The native module's derivatives."""
     if by_pictures.dtype != given.values.dtype:
-        raise CumuloError("invalid", f"derivatives of {by_pictures.dtype} for pictures of {given.values.dtype}", None,
-                          "by_pictures", "convert them to the precision of the values")  # fmt: skip
+        raise invalid(f"derivatives of {by_pictures.dtype} for pictures of {given.values.dtype}", "by_pictures",
+                      "convert them to the precision of the values")  # fmt: skip
     if not np.isfinite(by_pictures).all():
-        raise CumuloError("invalid", "derivatives that are not finite", None, "by_pictures",
-                          "look for a division by zero, or a logarithm of zero, in the loss")  # fmt: skip
+        raise invalid("derivatives that are not finite", "by_pictures",
+                      "look for a division by zero, or a logarithm of zero, in the loss")  # fmt: skip
     found: dict[str, Any] = given.scene.vjp(by_pictures, *wanted)
     return found
 

@@ -19,8 +19,7 @@ import torch
 from torch import Tensor
 
 from . import pictures
-from .errors import CumuloError
-from .fields import Cameras, Function, Gaussians, Lattice, Piecewise, Texture
+from .fields import Cameras, Function, Gaussians, Lattice, Piecewise, Texture, invalid
 
 __all__ = ["Cameras", "Gaussians", "Lattice", "Piecewise", "Texture", "look_at", "render"]
 
@@ -42,8 +41,12 @@ def render(values: Tensor, cameras: Cameras, *, lattice: Lattice | None = None, 
     Raises `CumuloError` for tensors on another device, of another type, or not in C order (`tensor.contiguous()`).
     """
     if not isinstance(values, Tensor):
-        raise CumuloError("invalid", f"an object of type {type(values).__name__}; a tensor is expected", None, "values",
-                          "give a torch.Tensor, or call cumulo.pictures.render")  # fmt: skip
+        raise invalid(f"an object of type {type(values).__name__}; a tensor is expected", "values",
+                      "give a torch.Tensor, or call cumulo.pictures.render")  # fmt: skip
+    if not isinstance(cameras, Cameras):
+        raise invalid(f"an object of type {type(cameras).__name__}", "cameras", "give cumulo.Cameras")
+    if function is not None:
+        pictures.kind(function)
     settings = {
         "lattice": lattice, "emission_model": emission_model, "quadrature": quadrature, "supersample": supersample,
         "threads": threads, "size": cameras.size, "orthographic": cameras.orthographic, "near": cameras.near,
@@ -51,15 +54,15 @@ def render(values: Tensor, cameras: Cameras, *, lattice: Lattice | None = None, 
         "domain": None if function is None else function.domain,
     }  # fmt: skip
     return Render.apply(
-        settings, values, None if function is None else _tensor(function.parameters),
-        *map(_tensor, (cameras.camera_to_world, cameras.focal, cameras.centre, density_scale, emission, background)),
-        None if step is None else _tensor(step),
+        settings, values, None if function is None else _tensor(function.parameters, "function"),
+        *(_tensor(getattr(cameras, name), name) for name in INPUTS[2:5]), _tensor(density_scale, "density_scale"),
+        _tensor(emission, "emission"), _tensor(background, "background"), None if step is None else _tensor(step, "step"),
     )  # fmt: skip
 
 
-def _tensor(value: Any) -> Tensor:
+def _tensor(value: Any, what: str) -> Tensor:
     """A number or an array as a tensor; tensors as they are."""
-    return value if isinstance(value, Tensor) else torch.as_tensor(np.asarray(value, dtype=np.float64))
+    return value if isinstance(value, Tensor) else torch.from_numpy(pictures.matrix(value, what))
 
 
 def look_at(eye: Tensor, target: Any = (0.0, 0.0, 0.0), up: Any = (0.0, 0.0, 1.0)) -> Tensor:
@@ -88,21 +91,12 @@ def _arranged(settings: dict[str, Any], inputs: tuple[Tensor | None, ...]) -> pi
     if function is not None:
         kind, parameters = settings["kind"], pictures.matrix(function)
         made = kind(parameters) if kind is Piecewise else kind(parameters, settings["domain"])
-    cameras = Cameras(
-        *map(pictures.matrix, (camera_to_world, focal, centre)), settings["size"], settings["orthographic"], settings["near"]
-    )
+    cameras = Cameras(camera_to_world, focal, centre, settings["size"], settings["orthographic"], settings["near"])
     names = ("lattice", "emission_model", "quadrature", "supersample", "threads")
     return pictures.prepared(
-        values.detach(), cameras, function=made, density_scale=_number(density_scale, "density_scale"), emission=emission,
-        background=background, step=None if step is None else _number(step, "step"), **{name: settings[name] for name in names},
+        values.detach(), cameras, function=made, density_scale=density_scale, emission=emission,
+        background=background, step=step, **{name: settings[name] for name in names},
     )  # fmt: skip
-
-
-def _number(value: Tensor | None, what: str) -> float:
-    assert value is not None
-    if value.numel() != 1:
-        raise CumuloError("invalid", f"{value.numel()} numbers", None, what, "give one number, or a tensor of one")
-    return float(value)
 
 
 class Render(torch.autograd.Function):
