@@ -90,7 +90,13 @@ impl<V> Bricks<V> {
     /// trilinear interpolation; `None` outside the bricks.
     #[inline(always)]
     pub fn corners(&self, index: DVec3) -> Option<[(usize, f64); 8]> {
-        let base = index.floor();
+        self.corners_of(index.floor(), index)
+    }
+
+    /// Returns the places of the eight voxels around the cell with this lowest corner, and their weights at index
+    /// coordinates in it; `None` outside the bricks.
+    #[inline(always)]
+    fn corners_of(&self, base: DVec3, index: DVec3) -> Option<[(usize, f64); 8]> {
         let f = index - base;
         let base = base.as_ivec3();
         let brick = self.topology.find(base >> 3);
@@ -451,7 +457,21 @@ impl<R: Real> Bricks<R> {
 
     /// Trilinearly interpolated stored value at index coordinates; the background outside the bricks.
     pub fn sample(&self, index: DVec3) -> R {
-        let Some(corners) = self.corners(index) else { return self.background };
+        self.interpolated(self.corners(index))
+    }
+
+    /// Value at the end of a ray, on a face of the domain. Rounding may place it beyond the face, where there need not be
+    /// bricks: the cell is one within the domain.
+    pub(crate) fn sample_at_end(&self, index: DVec3) -> R {
+        let Aabb { min, max } = self.domain;
+        let index = index.clamp(min, max);
+        let first = min.floor();
+        self.interpolated(self.corners_of(index.floor().clamp(first, first.max(max.ceil() - 1.0)), index))
+    }
+
+    #[inline(always)]
+    fn interpolated(&self, corners: Option<[(usize, f64); 8]>) -> R {
+        let Some(corners) = corners else { return self.background };
         let mut sum = R::ZERO;
         for (voxel, weight) in corners {
             sum += R::of(weight) * self.values[voxel];

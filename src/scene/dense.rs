@@ -185,6 +185,11 @@ mod tests {
                         assert_eq!(field.sample(at), *value, "{shape:?} {end:?} {at}");
                     }
                 }
+                // Rays end on faces, give or take a rounding.
+                let last = DVec3::from_array(shape.map(|n| (n - 1) as f64));
+                for (at, value) in [(DVec3::splat(-1e-17), values[0]), (last + 1e-15, values[count - 1])] {
+                    assert!(end == End::Fading || (field.sample_at_end(at) - value).abs() < 1e-12, "{shape:?} {at}");
+                }
                 if end == End::Fading {
                     assert_eq!(field.sample(DVec3::splat(-0.5)), 0.125, "half a voxel beside a corner of 1");
                 }

@@ -60,21 +60,26 @@ def test_new_lattices_and_cameras_are_given_back():
 def addresses(monkeypatch):
     """Places in memory of what the native module is given and of what it makes."""
     found = {}
+    original = _native.Scene
 
-    def watched(name, original):
-        def call(lattice, values, *others, **how):
-            made = original(lattice, values, *others, **how)
-            if name == "vjp":
-                found["derivatives of pictures"], found["derivatives"] = others[2].ctypes.data, made["values"].ctypes.data
-            else:
-                found["pictures"] = made.ctypes.data
+    class Watched:
+        """A scene that notes where its arrays lie."""
+
+        def __init__(self, lattice, values, *others):
             found["values"] = values.ctypes.data
+            self.scene = original(lattice, values, *others)
+
+        def render(self):
+            made = self.scene.render()
+            found["pictures"] = made.ctypes.data
             return made
 
-        return call
+        def vjp(self, by_pictures, *wanted):
+            made = self.scene.vjp(by_pictures, *wanted)
+            found["derivatives of pictures"], found["derivatives"] = by_pictures.ctypes.data, made["values"].ctypes.data
+            return made
 
-    for name in ("render", "vjp"):
-        monkeypatch.setattr(_native, name, watched(name, getattr(_native, name)))
+    monkeypatch.setattr(_native, "Scene", Watched)
     return found
 
 

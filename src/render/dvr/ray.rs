@@ -33,7 +33,7 @@ impl<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usi
     /// the loss-weighted radiance `incoming`.
     #[inline(never)]
     fn gain(&self, t: f64, incoming: f64) -> f64 {
-        let density = self.pass.dvr.field.sample(self.pass.ray.at(t));
+        let density = self.pass.dvr.field.sample_at_end(self.pass.ray.at(t));
         let (piece, extinction) = self.compiled.at(density);
         extinction.f64() * (SegmentSource::new(piece, density, &self.weighted.color).mean - incoming)
     }

@@ -207,7 +207,7 @@ impl<'t, 'd, R: Real, const C: usize, const P: usize> Front<'t, 'd, R, C, P> {
     /// Adds the derivatives of lengthening the ray at world length `t`, at the rates `by`.
     #[inline(never)]
     fn extend(&mut self, t: f64, by: [f64; P]) {
-        let density = self.dvr.field.sample(self.ray.at(t));
+        let density = self.dvr.field.sample_at_end(self.ray.at(t));
         let (piece, extinction) = self.compiled.at(density);
         let extinction = extinction.f64();
         for p in 0..P {
