@@ -66,8 +66,8 @@ def main() -> None:
     """Builds the archive that the command line names, and prints its path."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("output", type=pathlib.Path, metavar="OUT.zip", help="the archive")
-    wheel = {"type": pathlib.Path, "metavar": "FILE.whl", "required": True}
-    parser.add_argument("--wheel", **wheel, help="the package, by python/wheel.sh")
+    words = "the package, by python/wheel.sh"
+    parser.add_argument("--wheel", type=pathlib.Path, required=True, metavar="FILE.whl", help=words)
     asked = parser.parse_args()
     try:
         build(asked.output, asked.wheel)
