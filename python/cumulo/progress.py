@@ -10,8 +10,8 @@ from typing import Any, Union
 Event = dict[str, Any]
 """What happened: `event` is "began", "advanced", "ended" (of a `stage` with a `name`, `done` of `total` steps),
 "remark", "detail" (with a `text`), "warned" (with `what` and `do`), "failed" (a `frame`) or "unread" (a file; both with
-`code` and `error`), "loading" and "working" (inputs of a long task are read between them) or "stoppable" (from here on
-work that is stopped keeps its result so far)."""
+`code` and `error`), "loading" and "working" (inputs of a long task are read between them), "stoppable" (from here on
+work that is stopped keeps its result so far); "waiting" after a fifth of a second without another."""
 
 Progress = Union[bool, Callable[[Event], None]]
 """False for none; True for bars of `tqdm`, if it is installed, and remarks on standard error; or a function that

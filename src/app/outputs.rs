@@ -2,7 +2,7 @@
 //! written to.
 
 use crate::error::{Code, Error, Result};
-use crate::formats::format::ends_in;
+use crate::formats::ending::ends_in;
 use crate::formats::{atomic, registry};
 use crate::report::FILE_NAME as PAGE;
 use std::ffi::OsStr;

@@ -9,12 +9,12 @@ use clap::error::ErrorKind;
 use std::ffi::OsString;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What a command answered.
+/// The answer of a command.
 #[derive(Debug, Clone)]
 pub struct Answer {
-    /// What it would have printed with `--json`.
+    /// The document that the command prints with `--json`.
     pub document: String,
-    /// Its exit code: 0 success, 1 a check found something, 2 parts of the work failed, 128 and more if it was stopped
+    /// The exit code of the command: 0 success, 1 a check found something, 2 parts of the work failed, 128 and more if it was stopped
     /// and wrote what it had.
     pub code: u8,
 }
@@ -32,12 +32,15 @@ pub fn run(words: impl IntoIterator<Item = OsString>, context: Context) -> Resul
             return Ok(Answer { document: shown.render().to_string(), code: 0 });
         }
         Err(usage) => {
-            let mistake = super::mistake(&usage.render().to_string());
-            return Err(Error::invalid(mistake).coded(Code::Usage));
+            let text = usage.render().to_string();
+            let error = Error::invalid(super::mistake(&text)).coded(Code::Usage);
+            // The library of the command line knows arguments of similar names.
+            let tip = text.lines().find_map(|line| line.trim().strip_prefix("tip: "));
+            return Err(tip.into_iter().fold(error, |error, tip| error.hint(tip)));
         }
     };
     let kept = Arc::new(Mutex::new(String::new()));
-    let output = Output::kept(&arguments.path, context, Arc::clone(&kept));
+    let output = Output::into_text(&arguments.path, context, Arc::clone(&kept));
     let code = arguments.command.as_run().run(&output)?;
     let document = std::mem::take(&mut *kept.lock().unwrap_or_else(PoisonError::into_inner));
     Ok(Answer { document, code })

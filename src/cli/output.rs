@@ -21,7 +21,7 @@ pub(crate) struct Output {
     command: Arc<str>,
     context: Context,
     /// Receives what would be printed, for a caller in this process.
-    kept: Option<Arc<Mutex<String>>>,
+    text: Option<Arc<Mutex<String>>>,
 }
 
 impl Deref for Output {
@@ -39,12 +39,12 @@ impl Output {
         let terminal = Terminal::new(global.progress, global.quiet, global.verbose);
         let context = Context::new(terminal).stopped_by(cancel::requested(), cancel::overdue());
         let context = context.of(&words.collect::<Vec<_>>().join(" "));
-        Self { json: global.json, command: command.into(), context, kept: None }
+        Self { json: global.json, command: command.into(), context, text: None }
     }
 
-    /// Creates the output of a command whose document is put into `kept`, and whose work runs in a context.
-    pub(super) fn kept(command: &str, context: Context, kept: Arc<Mutex<String>>) -> Self {
-        Self { json: true, command: command.into(), context, kept: Some(kept) }
+    /// Creates the output of a command whose document is appended to `text`, and whose work runs in a context.
+    pub(super) fn into_text(command: &str, context: Context, text: Arc<Mutex<String>>) -> Self {
+        Self { json: true, command: command.into(), context, text: Some(text) }
     }
 
     /// True if reports are printed as JSON.
@@ -62,7 +62,7 @@ impl Output {
             return print(&printable_lines(&report.to_string()));
         }
         let document = Document { version: VERSION, command: &self.command, report };
-        if self.kept.is_none() {
+        if self.text.is_none() {
             document::reported();
         }
         self.plain(&printable_json(&serde_json::to_string_pretty(&document).map_err(failed)?))
@@ -73,7 +73,7 @@ impl Output {
     /// # Errors
     /// If standard output cannot be written.
     pub(crate) fn plain(&self, text: &str) -> Result<()> {
-        match &self.kept {
+        match &self.text {
             Some(kept) => kept.lock().unwrap_or_else(PoisonError::into_inner).push_str(text),
             None => print(text)?,
         }

@@ -1,5 +1,6 @@
 //! File formats: their names, how their files are told from others, and what can be done with them.
 
+use super::ending::ends_in;
 use super::imaging::ImageFormat;
 use super::imaging::options::ReadOption;
 use super::raster::PictureFormat;
@@ -57,12 +58,6 @@ impl PartialEq for Format {
     fn eq(&self, other: &Self) -> bool {
         self.name == other.name
     }
-}
-
-/// True if the name of a path ends so, behind a stem and a dot and in whichever case.
-pub(crate) fn ends_in(path: &Path, ending: &str) -> bool {
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    name.strip_suffix(ending).is_some_and(|stem| stem.len() > 1 && stem.ends_with('.'))
 }
 
 impl FileKind {

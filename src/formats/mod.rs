@@ -4,6 +4,7 @@ pub(crate) mod atomic;
 pub(crate) mod blosc;
 pub mod captures;
 pub mod colmap;
+pub(crate) mod ending;
 pub mod exr;
 pub mod format;
 pub mod imaging;

@@ -1,7 +1,8 @@
 //! The formats that files are read from and written to, one row each. A new format is a module and a row here: it is
 //! then detected, described, converted and shown as those of its kind are, and named where others are.
 
-use super::format::{FileKind, Format, ends_in};
+use super::ending::ends_in;
+use super::format::{FileKind, Format};
 use super::imaging::options::ReadOption::{Array, Axes, Channel, Level, Placement, Series, Time};
 use super::imaging::write::{self, Target};
 use super::imaging::{

@@ -75,7 +75,7 @@ fn limits(max_memory: Option<u64>) -> Limits {
     max_memory.map_or_else(Limits::default, |max_memory| Limits { max_memory })
 }
 
-/// What [`read_volume`] returns: values, transform, name, index coordinates of the first voxel, background.
+/// A volume as [`read_volume`] returns it: values, transform, name, index coordinates of the first voxel, background.
 type Read<'py> = (Bound<'py, PyArrayDyn<f32>>, [[f64; 4]; 4], String, [i32; 3], Vec<f64>);
 
 /// Reads a grid of a VDB, a NanoVDB or a scan as an array over the box of its active voxels: float32, [x, y, z] or

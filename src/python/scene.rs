@@ -75,7 +75,7 @@ impl PyCameras {
     }
 }
 
-/// What densities do to light, and what lies behind.
+/// Medium of densities, and the radiance behind it.
 #[pyclass(frozen, name = "Medium")]
 pub(crate) struct PyMedium(Setting);
 

@@ -5,7 +5,6 @@ use cumulo::cancel::Cancel;
 use cumulo::error::{Error, Result};
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use std::collections::HashMap;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -13,28 +12,33 @@ use std::time::Duration;
 /// Time between two looks whether Python was interrupted.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Pools by process and number of threads: those of a process do not work in its forks.
-static POOLS: Mutex<Option<HashMap<(u32, usize), Arc<ThreadPool>>>> = Mutex::new(None);
+/// Pools by process and number of threads, those used last at the end. Pools of a process do not work in its forks.
+static POOLS: Mutex<Vec<((u32, usize), Arc<ThreadPool>)>> = Mutex::new(Vec::new());
+
+/// Most pools that are kept: those of other numbers of threads end.
+const MOST_POOLS: usize = 3;
 
 /// Returns the pool of so many threads; 0 stands for `RAYON_NUM_THREADS`, else for all cores.
 fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
     let mut pools = POOLS.lock().unwrap_or_else(PoisonError::into_inner);
-    let pools = pools.get_or_insert_default();
     let key = (std::process::id(), threads);
-    if let Some(pool) = pools.get(&key) {
-        return Ok(Arc::clone(pool));
+    if let Some(at) = pools.iter().position(|(of, _)| *of == key) {
+        let found = pools.remove(at);
+        let pool = Arc::clone(&found.1);
+        pools.push(found);
+        return Ok(pool);
     }
     // The threads of a pool of another process are not here: it must not be ended, which would wait for them.
-    let (own, others): (Vec<_>, Vec<_>) =
-        std::mem::take(pools).into_iter().partition(|((process, _), _)| *process == key.0);
-    others.into_iter().for_each(|(_, pool)| std::mem::forget(pool));
+    let (mut own, others): (Vec<_>, Vec<_>) = pools.drain(..).partition(|((process, _), _)| *process == key.0);
+    others.into_iter().for_each(std::mem::forget);
+    own.drain(..own.len().saturating_sub(MOST_POOLS - 1));
     pools.extend(own);
     let built = ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("cumulo-{i}")).build();
     let pool = Arc::new(built.map_err(|e| {
         Error::invalid(format!("the threads cannot be started: {e}"))
             .hint("give fewer ⟨threads⟩, or raise the limit on processes (ulimit -u)")
     })?);
-    pools.insert(key, Arc::clone(&pool));
+    pools.push((key, Arc::clone(&pool)));
     Ok(pool)
 }
 
@@ -44,6 +48,17 @@ pub(crate) fn done<T: Send>(
     py: Python<'_>,
     threads: usize,
     cancel: &Cancel,
+    work: impl FnOnce() -> Result<T> + Send,
+) -> PyResult<T> {
+    watched(py, threads, cancel, |_| (), work)
+}
+
+/// Does work as [`done`] does, and calls a function twenty times a second meanwhile.
+pub(crate) fn watched<T: Send>(
+    py: Python<'_>,
+    threads: usize,
+    cancel: &Cancel,
+    look: impl Fn(Python<'_>) + Sync,
     work: impl FnOnce() -> Result<T> + Send,
 ) -> PyResult<T> {
     let pool = pool(threads).map_err(|e| exception(py, &e))?;
@@ -61,7 +76,11 @@ pub(crate) fn done<T: Send>(
                     Ok(result) => return (Some(result), interrupt),
                     Err(RecvTimeoutError::Disconnected) => return (None, interrupt),
                     Err(RecvTimeoutError::Timeout) if interrupt.is_none() => {
-                        interrupt = Python::attach(|py| py.check_signals()).err();
+                        interrupt = Python::attach(|py| {
+                            look(py);
+                            py.check_signals()
+                        })
+                        .err();
                         if interrupt.is_some() {
                             cancel.request();
                         }

@@ -1,6 +1,6 @@
 //! Commands in the process of a caller answer what the program does.
 
-use crate::common::work::Work;
+use crate::common::work::{Work, cumulo as program};
 use cumulo::app::Context;
 use cumulo::app::progress::{Event, Progress};
 use cumulo::cancel::Cancel;
@@ -15,10 +15,9 @@ fn run(words: &[&str]) -> cumulo::Result<embedded::Answer> {
 
 #[test]
 fn the_document_is_that_of_the_program() {
-    let work = Work::new();
     let words = ["info", "fixtures/plume.vdb"];
     let answer = run(&words).unwrap();
-    let said = work.cumulo().args(words).arg("--json").current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
+    let said = program().args(words).arg("--json").current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
     assert_eq!(answer.code, 0);
     let document: Value = serde_json::from_str(&answer.document).unwrap();
     assert_eq!(document, serde_json::from_slice::<Value>(&said.stdout).unwrap());

@@ -2,7 +2,9 @@
 //!
 //! `cargo run --release --example gradient_of_a_picture -- fixtures/plume.vdb`
 
-use cumulo::differentiate::gradient::objective::{ActiveParameters, Objective};
+use cumulo::cancel::Cancel;
+use cumulo::differentiate::gradient::objective::Objective;
+use cumulo::differentiate::gradient::views::ActiveParameters;
 use cumulo::differentiate::loss::Loss;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
@@ -29,7 +31,8 @@ pub fn run(volume: &Path) -> Result<(f64, Vec<f32>)> {
     // The loss is the mean squared difference from a picture that is grey all over.
     let cameras = orbit::cameras(&field.outline(), 1, Layout::Sphere, 64, 64, 40.0, Up::Z);
     let target = vec![[0.5, 0.5, 0.5, 0.5]; 64 * 64];
-    let objective = Objective { loss: Loss::L2, cameras: &cameras, targets: &[target], rays_per_edge: 1 };
+    let objective =
+        Objective { loss: Loss::L2, cameras: &cameras, targets: &[target], rays_per_edge: 1, cancel: &Cancel::NEVER };
     let gradient =
         objective.adjoint(&renderer, Adjoint::Tape, ActiveParameters { voxels: true, ..ActiveParameters::default() });
 

@@ -22,18 +22,18 @@ pub struct Lattice {
     places: Places,
     limits: Limits,
     /// Memory of earlier fields and gradients: fresh memory costs as much as the rays through it.
-    spare: Mutex<Vec<Spare>>,
+    spare: Mutex<Vec<Kept>>,
 }
 
 /// Memory that is kept for the next use of its kind.
 #[derive(Debug)]
-struct Spare {
+struct Kept {
     bytes: u64,
     memory: Box<dyn Any + Send>,
 }
 
 /// Most bytes of memory that a lattice keeps.
-const MOST_SPARE: u64 = 256 << 20;
+const MOST_KEPT: u64 = 256 << 20;
 
 #[derive(Debug)]
 enum Places {
@@ -68,9 +68,9 @@ pub trait Value: Copy + Send + Sync + 'static {
     fn gather(active: &Active, stored: &[Self::Voxel]) -> Vec<Self>;
 }
 
-/// What is wrong with a number that is none.
+/// Fault of a number that is infinite or none.
 const NOT_FINITE: &str = "is not finite";
-/// What is wrong with an extinction.
+/// Fault of an extinction.
 const NEGATIVE: &str = "is negative, and extinction cannot be";
 
 macro_rules! values {
@@ -232,8 +232,8 @@ impl Lattice {
     /// Keeps memory of so many bytes for the next use, unless that would be too much.
     pub(super) fn keep<M: Any + Send>(&self, memory: M, bytes: u64) {
         let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
-        if spare.iter().map(|spare| spare.bytes).sum::<u64>() + bytes <= MOST_SPARE {
-            spare.push(Spare { bytes, memory: Box::new(memory) });
+        if spare.iter().map(|spare| spare.bytes).sum::<u64>() + bytes <= MOST_KEPT {
+            spare.push(Kept { bytes, memory: Box::new(memory) });
         }
     }
 

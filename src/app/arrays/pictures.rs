@@ -2,9 +2,8 @@
 
 use super::lattice::{Arranged, Lattice, Value, checked};
 use crate::cancel::Cancel;
-use crate::differentiate::gradient::objective::{ActiveParameters, Direction, Gradient};
 use crate::differentiate::gradient::pictures::{self, Gradients, Target, Workspace};
-use crate::differentiate::gradient::views::Views;
+use crate::differentiate::gradient::views::{ActiveParameters, Direction, Gradient, Views};
 use crate::differentiate::study::setting::Setting;
 use crate::differentiate::study::subject::Subject;
 use crate::error::{Error, Result};
@@ -65,16 +64,16 @@ pub struct Wanted {
 /// Derivatives of a loss, or changes of what pictures depend on; of a change an empty list is none.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Derivatives<T> {
-    /// By the array's values.
+    /// Derivatives with respect to the array's values.
     pub values: Vec<T>,
-    /// By the transfer function's parameters, in the order of its
+    /// Derivatives with respect to the transfer function's parameters, in the order of its
     /// [`parameters`](crate::scene::transfer::Transfer::parameters).
     pub function: Vec<f64>,
-    /// By each camera.
+    /// Derivatives with respect to each camera.
     pub cameras: Vec<CameraGradient>,
-    /// By the quadrature's step, in voxels.
+    /// Derivative with respect to the quadrature's step, in voxels.
     pub step: f64,
-    /// By extinction, emission and background.
+    /// Derivatives with respect to extinction, emission and background.
     pub shared: ParameterGradient,
 }
 

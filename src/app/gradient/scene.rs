@@ -160,6 +160,7 @@ impl GradientSettings {
             loss: self.loss(),
             targets,
             rays_per_edge: run::rays_per_edge(target.as_ref().map_or(PixelFilter::Point, |c| c.pixel_filter)),
+            cancel: context.cancel(),
         };
         self.fits(&study)?;
         Ok((study, warnings))
@@ -229,9 +230,9 @@ impl GradientSettings {
 
 /// Converts a study to double precision.
 pub(in crate::app) fn in_double<V: Subject>(study: Study<V>) -> Study<V::Double> {
-    let Study { field, setting, loss, priors, units, targets, rays_per_edge } = study;
+    let Study { field, setting, loss, priors, units, targets, rays_per_edge, cancel } = study;
     let Bricks { topology, values, background, reference, transform, domain } = field;
     let (values, background) = (values.into_iter().map(Subject::double).collect(), background.double());
     let field = Bricks { topology, values, background, reference, transform, domain };
-    Study { field, setting, loss, priors, units, targets, rays_per_edge }
+    Study { field, setting, loss, priors, units, targets, rays_per_edge, cancel }
 }

@@ -2,16 +2,15 @@
 //! precision. (The loops of reconstructions are in [`pictures`](super::pictures): `f32`, local losses, compiled for
 //! each instruction set.)
 
-use super::views::{Cotangent, RUN, Views};
+use super::views::{ActiveParameters, Cotangent, Direction, ForwardInAll, Gradient, RUN, Views};
 use crate::cancel::Cancel;
 use crate::differentiate::loss::{Loss, Reach, Rgba};
 use crate::dual::Dual;
 use crate::real::Real;
 use crate::render::composited::{Composited, Pixel};
-use crate::render::differentiable::{Adjoint, Differentiable, Forward, ParameterGradient};
+use crate::render::differentiable::{Adjoint, Differentiable, Forward};
 use crate::render::tiles;
-use crate::scene::camera::{Camera, CameraGradient};
-use crate::scene::table::TableGradient;
+use crate::scene::camera::Camera;
 use std::ops::Range;
 
 /// A loss on pictures: the mean over the cameras.
@@ -26,54 +25,9 @@ pub struct Objective<'o> {
     pub targets: &'o [Vec<Rgba>],
     /// Rays along each edge of a pixel, whose value is the mean over the square of that number.
     pub rays_per_edge: usize,
+    /// Polled between runs of pixels; what a pass that it stopped returns is incomplete.
+    pub cancel: &'o Cancel,
 }
-
-/// Parameters to differentiate with respect to, besides extinction, color and background, which cost nothing.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct ActiveParameters {
-    /// True for the stored voxels.
-    pub voxels: bool,
-    /// Number of knots of the transfer function, for derivatives with respect to it.
-    pub knots: Option<usize>,
-    /// True for cameras and the quadrature's step.
-    pub rays: bool,
-}
-
-/// Value and gradient of an objective.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Gradient<V> {
-    /// Value of the objective.
-    pub value: f64,
-    /// Derivatives with respect to the stored voxels, 729 a brick; empty if not requested.
-    pub voxels: Vec<V>,
-    /// Derivatives with respect to the transfer function, by piece.
-    pub table: TableGradient,
-    /// Derivatives with respect to each camera.
-    pub cameras: Vec<CameraGradient>,
-    /// Derivative with respect to the quadrature's step, in voxels.
-    pub step: f64,
-    /// Derivatives with respect to the parameters that all rays share.
-    pub shared: ParameterGradient,
-}
-
-/// A direction in which one kind of parameter changes.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Direction<V> {
-    /// Change of a camera, given by its number.
-    Camera(usize, CameraGradient),
-    /// Change of the quadrature's step, in voxels.
-    Step(f64),
-    /// Change of the parameters that all rays share.
-    Shared(ParameterGradient),
-    /// Change of the transfer function's pieces.
-    Table(TableGradient),
-    /// Change of the stored voxels, 729 a brick.
-    Voxels(Vec<V>),
-}
-
-/// A renderer with forward mode in all numbers of directions that are compiled.
-pub trait ForwardInAll: Forward<1> + Forward<2> + Forward<6> + Forward<7> {}
-impl<I: Forward<1> + Forward<2> + Forward<6> + Forward<7>> ForwardInAll for I {}
 
 /// Derivatives of an objective with respect to one picture's pixels.
 enum Cotangents {
@@ -132,7 +86,7 @@ impl Objective<'_> {
 
     /// Returns the pictures that the loss is one of.
     fn views(&self) -> Views<'_> {
-        Views { cameras: self.cameras, rays_per_edge: self.rays_per_edge, cancel: &Cancel::NEVER }
+        Views { cameras: self.cameras, rays_per_edge: self.rays_per_edge, cancel: self.cancel }
     }
 
     /// Returns the value and its derivatives along directions, in forward mode with up to 7 directions per walk.
@@ -170,8 +124,10 @@ impl Objective<'_> {
                 // Derivatives wait for the loss's: forward, no ray is walked again.
                 let forward =
                     |tape: &mut I::Scratch, i: usize| self.views().pixel_forward(renderer, directions, (view, i), tape);
-                let pixels: Vec<[Dual<f64, P>; 4]> =
-                    self.views().each_pixel(view, I::Scratch::default, forward).unwrap_or_default();
+                let pixels: Vec<[Dual<f64, P>; 4]> = self
+                    .views()
+                    .each_pixel(view, I::Scratch::default, forward)
+                    .unwrap_or_else(|| vec![[Dual::constant(0.0); 4]; self.views().pixels(view)]);
                 let rendered: Vec<Rgba> = pixels.iter().map(|p| p.map(|c| c.value)).collect();
                 let (value, cotangents) = self.of_picture(&rendered, view);
                 sum.value += value;
@@ -190,7 +146,7 @@ impl Objective<'_> {
                 sum
             };
             let parts =
-                tiles::map(&tiles::runs(self.views().pixels(view), RUN), &Cancel::NEVER, I::Scratch::default, of_run);
+                tiles::map(&tiles::runs(self.views().pixels(view), RUN), self.cancel, I::Scratch::default, of_run);
             sum = parts.into_iter().flatten().fold(sum, |sum, part| sum + part);
         }
         (sum.value, sum.tangent[..directions.len()].to_vec())
@@ -243,9 +199,9 @@ impl Objective<'_> {
         }
     }
 
-    /// Renders the picture of a camera, row-major.
+    /// Renders the picture of a camera, row-major; black if the work was cancelled.
     pub fn picture<I: Differentiable>(&self, renderer: &Composited<I>, view: usize) -> Vec<Rgba> {
-        self.views().picture(renderer, view).unwrap_or_default()
+        self.views().picture(renderer, view).unwrap_or_else(|| vec![[0.0; 4]; self.views().pixels(view)])
     }
 
     fn target(&self, view: usize) -> Option<&[Rgba]> {

@@ -2,12 +2,13 @@
 //! the products of their Jacobian with vectors from the left (reverse mode) and from the right (forward mode).
 
 use crate::cancel::Cancel;
-use crate::differentiate::gradient::objective::{ActiveParameters, Direction, ForwardInAll, Gradient};
 use crate::differentiate::loss::Rgba;
 use crate::dual::Dual;
 use crate::real::Real;
 use crate::render::composited::{Composited, Pixel};
-use crate::render::differentiable::{Accumulators, Adjoint, Differentiable, Forward, RayGradient, Seeds};
+use crate::render::differentiable::{
+    Accumulators, Adjoint, Differentiable, Forward, ParameterGradient, RayGradient, Seeds,
+};
 use crate::render::film::Subpixels;
 use crate::render::tiles;
 use crate::scene::camera::{Camera, CameraGradient};
@@ -25,6 +26,53 @@ pub struct Views<'v> {
     /// Polled between runs of pixels.
     pub cancel: &'v Cancel,
 }
+
+/// Parameters to differentiate with respect to, besides extinction, color and background, which cost nothing.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ActiveParameters {
+    /// True for the stored voxels.
+    pub voxels: bool,
+    /// Number of knots of the transfer function, for derivatives with respect to it.
+    pub knots: Option<usize>,
+    /// True for cameras and the quadrature's step.
+    pub rays: bool,
+}
+
+/// Value and gradient of an objective.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Gradient<V> {
+    /// Value of the objective.
+    pub value: f64,
+    /// Derivatives with respect to the stored voxels, 729 a brick; empty if not requested.
+    pub voxels: Vec<V>,
+    /// Derivatives with respect to the transfer function, by piece.
+    pub table: TableGradient,
+    /// Derivatives with respect to each camera.
+    pub cameras: Vec<CameraGradient>,
+    /// Derivative with respect to the quadrature's step, in voxels.
+    pub step: f64,
+    /// Derivatives with respect to the parameters that all rays share.
+    pub shared: ParameterGradient,
+}
+
+/// A direction in which one kind of parameter changes.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Direction<V> {
+    /// Change of a camera, given by its number.
+    Camera(usize, CameraGradient),
+    /// Change of the quadrature's step, in voxels.
+    Step(f64),
+    /// Change of the parameters that all rays share.
+    Shared(ParameterGradient),
+    /// Change of the transfer function's pieces.
+    Table(TableGradient),
+    /// Change of the stored voxels, 729 a brick.
+    Voxels(Vec<V>),
+}
+
+/// A renderer with forward mode in all numbers of directions that are compiled.
+pub trait ForwardInAll: Forward<1> + Forward<2> + Forward<6> + Forward<7> {}
+impl<I: Forward<1> + Forward<2> + Forward<6> + Forward<7>> ForwardInAll for I {}
 
 /// Pixels processed in one run.
 pub(super) const RUN: usize = 256;

@@ -7,6 +7,7 @@ pub mod parameter;
 pub mod setting;
 pub mod subject;
 
+use crate::cancel::Cancel;
 use crate::differentiate::gradient::objective::Objective;
 use crate::differentiate::loss::prior::{Prior, Weighted};
 use crate::differentiate::loss::{Loss, Rgba};
@@ -37,6 +38,8 @@ pub struct Study<V> {
     pub targets: Vec<Vec<Rgba>>,
     /// A pixel is the mean over the square of so many rays.
     pub rays_per_edge: usize,
+    /// Flag that stops the work.
+    pub cancel: Cancel,
 }
 
 /// Value of a loss, and its derivatives by parameter.
@@ -66,7 +69,13 @@ impl<V: Subject> Study<V> {
             cameras: &self.setting.cameras,
             targets: &self.targets,
             rays_per_edge: self.rays_per_edge,
+            cancel: &self.cancel,
         }
+    }
+
+    /// Returns what was computed, unless the work was cancelled meanwhile.
+    fn whole<T>(&self, computed: T) -> Result<T> {
+        if self.cancel.requested() { Err(Error::cancelled()) } else { Ok(computed) }
     }
 
     /// Number of voxels that bricks own.
@@ -77,9 +86,10 @@ impl<V: Subject> Study<V> {
     /// The loss, with its priors.
     ///
     /// # Errors
-    /// As [`Subject::renderer`], and if a prior does not suit the transfer function.
+    /// As [`Subject::renderer`], if a prior does not suit the transfer function, or the work was cancelled.
     pub fn value(&self) -> Result<f64> {
-        Ok(self.objective().value(&V::renderer(&self.field, &self.setting)?) + self.prior_gradient()?.value)
+        let value = self.objective().value(&V::renderer(&self.field, &self.setting)?);
+        self.whole(value + self.prior_gradient()?.value)
     }
 
     /// The priors, by parameter of the transfer function and by owned voxel's density; empty without priors on them.
@@ -117,7 +127,8 @@ impl<V: Subject> Study<V> {
     /// # Errors
     /// As [`Subject::renderer`].
     pub fn gradient(&self, mode: AdMode, parameters: &[Parameter], channels: &[usize]) -> Result<StudyGradient> {
-        let (mut gradient, prior_gradient) = (self.of_pictures(mode, parameters, channels)?, self.prior_gradient()?);
+        let gradient = self.of_pictures(mode, parameters, channels)?;
+        let (mut gradient, prior_gradient) = (self.whole(gradient)?, self.prior_gradient()?);
         gradient.value += prior_gradient.value;
         for (derivative, parameter) in gradient.derivatives.iter_mut().zip(parameters) {
             *derivative += match parameter {

@@ -1,6 +1,6 @@
 //! Parameters by name: what a study of gradients differentiates by, one at a time.
 
-use crate::differentiate::gradient::objective::{ActiveParameters, Direction, Gradient};
+use crate::differentiate::gradient::views::{ActiveParameters, Direction, Gradient};
 use crate::differentiate::study::subject::Subject;
 use crate::render::differentiable::ParameterGradient;
 use crate::scene::bricks::{Bricks, Topology};

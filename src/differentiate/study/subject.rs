@@ -1,6 +1,6 @@
 //! What gradients are studied of: the densities of a medium, or the emissions and extinctions of a pre-shaded volume.
 
-use crate::differentiate::gradient::objective::ForwardInAll;
+use crate::differentiate::gradient::views::ForwardInAll;
 use crate::differentiate::study::setting::Setting;
 use crate::error::Result;
 use crate::real::Real;

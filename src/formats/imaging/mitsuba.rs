@@ -19,7 +19,7 @@ use super::options::Options;
 use super::placement;
 use super::stream::Binary;
 use crate::error::{Error, Result};
-use crate::formats::format::ends_in;
+use crate::formats::ending::ends_in;
 use crate::formats::sample::{Endian, Sample};
 use crate::math::Affine;
 use glam::DVec3;

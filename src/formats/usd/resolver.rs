@@ -2,7 +2,7 @@
 
 use super::text;
 use crate::error::{Code, Error, Result};
-use crate::formats::format::ends_in;
+use crate::formats::ending::ends_in;
 use crate::formats::input;
 use openusd::ar::{self, Asset, DefaultResolver, ResolvedPath, Resolver};
 use openusd::usda::parser::Parser;
