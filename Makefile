@@ -38,10 +38,11 @@ PARALLEL := --numprocesses 2 --dist loadfile
 
 test: setup build
 	cargo test --release --locked --workspace
-	.venvs/bpy/bin/python -m pytest $(PARALLEL) python/tests --ignore python/tests/usd --ignore python/tests/mitsuba --ignore python/tests/imaging
+	.venvs/bpy/bin/python -m pytest $(PARALLEL) python/tests --ignore python/tests/usd --ignore python/tests/mitsuba --ignore python/tests/imaging --ignore python/tests/torch
 	.venvs/usd/bin/python -m pytest python/tests/usd
 	.venvs/mitsuba/bin/python -m pytest python/tests/mitsuba
 	.venvs/imaging/bin/python -m pytest $(PARALLEL) python/tests/imaging
+	.venvs/torch/bin/python -m pytest $(PARALLEL) python/tests/torch
 
 # `make fuzz FUZZ_INPUTS=500 FUZZ_SEED=7 KILLS=10` runs fewer, or others.
 FUZZ_INPUTS ?= 10000

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Makes this machine ready: Debian packages that are missing, and the Python environments under .venvs/.
 #
-#   python/setup.sh [build] [bpy] [usd] [mitsuba] [imaging] [bench]      all but bench when none is named
+#   python/setup.sh [build] [bpy] [usd] [mitsuba] [imaging] [torch] [bench]      all but bench when none is named
 #
 # What is there already is left alone, so a second run does nothing; an environment counts as there
 # only when its stamp, written last, names the same requirements, so an interrupted install is redone.
@@ -107,7 +107,7 @@ make_environment() {
     printf '%s\n' "$wanted" >"$stamp"
 }
 
-[ $# -gt 0 ] || set -- build bpy usd mitsuba imaging
+[ $# -gt 0 ] || set -- build bpy usd mitsuba imaging torch
 # One set-up at a time: two would tear down each other's environments.
 mkdir -p .venvs
 if command -v flock >/dev/null; then
@@ -133,11 +133,12 @@ for part in "$@"; do
         install_packages $imaging_packages
         make_environment imaging 3 SimpleITK
         ;;
+    torch) make_environment torch 3 torch ;;
     bench)
         # shellcheck disable=SC2086
         install_packages $bench_packages
         make_environment bench 3 numba
         ;;
-    *) die "unknown part '$part'; give build, bpy, usd, mitsuba, imaging or bench" ;;
+    *) die "unknown part '$part'; give build, bpy, usd, mitsuba, imaging, torch or bench" ;;
     esac
 done
