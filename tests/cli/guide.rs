@@ -28,6 +28,7 @@ const PAGES: &[&str] = &[
     "src/guide/planning.md",
     "src/guide/python.md",
     "src/guide/shell.md",
+    "src/guide/torch.md",
     "src/guide/transfer-functions.md",
     "src/guide/usd-authoring.md",
     "src/guide/usd.md",
@@ -276,6 +277,12 @@ fn shell() {
 #[test]
 fn scans() {
     assert!(run("src/guide/scans.md") >= 5);
+}
+
+/// Its programs run in `python/tests/torch/test_guide.py`.
+#[test]
+fn torch() {
+    assert_eq!(run("src/guide/torch.md"), 0);
 }
 
 #[test]
