@@ -11,7 +11,7 @@ PACKAGE = pathlib.Path(__file__).resolve().parents[1]
 # Modules that need Blender; the others must import without it.
 BLENDER = {"blender", "bpy_scene", "cycles", "noise", "padding"}
 # Modules that need another package, which is tested in an environment of its own.
-OTHERS = {"torch"}
+OTHERS = {"jax", "torch"}
 MODULES = sorted(p.stem for p in (PACKAGE / "cumulo").glob("*.py") if p.stem not in BLENDER | OTHERS | {"__init__", "__main__"})
 # Modules that were written with types; each function of theirs is annotated.
 TYPED = ["arrays", "capture", "commands", "errors", "exr", "fields", "options", "pictures", "plots", "progress"]
