@@ -24,6 +24,7 @@ empty voxels that Cycles needs.
 import importlib as _importlib
 import os as _os
 import sys as _sys
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
 from . import _native, reconstruct, transfer, usd
@@ -49,7 +50,9 @@ from .commands import (
     viewpoint,
 )
 from .errors import CumuloError
-from .fields import Cameras, Gaussians, Lattice, Piecewise, Texture
+
+if _TYPE_CHECKING:
+    from .fields import Cameras, Gaussians, Lattice, Piecewise, Texture
 
 __version__ = _native.__version__
 """Version of the package."""
@@ -95,7 +98,9 @@ if _sys.executable:
 
 
 def __getattr__(name: str) -> _Any:
-    """Modules that import NumPy are imported when they are asked for."""
-    if name in ("arrays", "capture", "exr", "pictures", "plots"):
+    """What takes long to import, NumPy above all, is imported when it is asked for."""
+    if name in ("arrays", "capture", "exr", "fields", "pictures", "plots", "results"):
         return _importlib.import_module(f"{__name__}.{name}")
+    if name in ("Cameras", "Gaussians", "Lattice", "Piecewise", "Texture"):
+        return getattr(_importlib.import_module(f"{__name__}.fields"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -12,14 +12,15 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from . import _native, results
+from . import _native
 from .errors import CumuloError
 from .options import Option, Path, extent, word, words
 from .progress import Progress, listener
 
-R = TypeVar("R", bound=results.Report)
+if TYPE_CHECKING:
+    from . import results
 
 # What every document of the program states of itself, beside its report.
 ENVELOPE = ("version", "command")
@@ -62,9 +63,9 @@ def help(command: str = "") -> str:
     return str(said)
 
 
-def report(kind: type[R], command: Sequence[str], arguments: Sequence[Path], options: dict[str, Option],
-           progress: Progress = False) -> R:  # fmt: skip
-    """Runs a command and returns its report. Positional arguments stand after `--`, so that no name is an option.
+def report(kind: str, command: Sequence[str], arguments: Sequence[Path], options: dict[str, Option],
+           progress: Progress = False) -> Any:  # fmt: skip
+    """Runs a command and returns its report, of the class of `results` with the name `kind`. Positional arguments stand after `--`, so that no name is an option.
 
     Raises TypeError for an argument that is no path, such as a list of several.
     """
@@ -78,7 +79,11 @@ def report(kind: type[R], command: Sequence[str], arguments: Sequence[Path], opt
     threads = options.pop("threads", None)
     positional = ["--", *(word(argument) for argument in arguments)]
     document = call(*command, *words(options), *positional, progress=progress, threads=threads)  # type: ignore[arg-type]
-    return kind.of({key: value for key, value in document.items() if key not in ENVELOPE})
+    # To make the classes takes as long as to import the rest of the package.
+    from . import results
+
+    made: type[results.Report] = getattr(results, kind)
+    return made.of({key: value for key, value in document.items() if key not in ENVELOPE})
 
 
 def render(scene: Path, output: Path, *, views: int | None = None, size: tuple[int, int] | str | None = None,
@@ -91,12 +96,12 @@ def render(scene: Path, output: Path, *, views: int | None = None, size: tuple[i
     """
     named = {"output": output, "views": views, "size": extent(size), "density_scale": density_scale,
              "samples": samples, "seed": seed, "cameras": cameras}  # fmt: skip
-    return report(results.Rendered, ["render"], [scene], {**named, **options}, progress)
+    return report("Rendered", ["render"], [scene], {**named, **options}, progress)
 
 
 def pose(capture: Path, volume: Path, output: Path, *, progress: Progress = False, **options: Option) -> results.Posed:
     """Finds where cameras stood from their pictures and the volume in them; writes the new capture's JSON."""
-    return report(results.Posed, ["pose"], [capture], {"volume": volume, "output": output, **options}, progress)
+    return report("Posed", ["pose"], [capture], {"volume": volume, "output": output, **options}, progress)
 
 
 def viewpoint(volume: Path, output: Path, *, density_scale: float | str | None = None,
@@ -104,33 +109,33 @@ def viewpoint(volume: Path, output: Path, *, density_scale: float | str | None =
               **options: Option) -> results.Viewpoints:  # fmt: skip
     """Finds the viewpoints from which a volume shows most; writes a capture's JSON."""
     named = {"output": output, "density_scale": density_scale, "size": extent(size)}
-    return report(results.Viewpoints, ["viewpoint"], [volume], {**named, **options}, progress)
+    return report("Viewpoints", ["viewpoint"], [volume], {**named, **options}, progress)
 
 
 def denoise(frames: Path, output: Path, *, motion: str | None = None, progress: Progress = False,
             **options: Option) -> results.Denoised:  # fmt: skip
     """Denoises a sequence in time, or one picture. Frames are named by a pattern, `in.####.exr`; `motion` says where the
     motion is: `files:motion.####.exr`, or as `cumulo denoise --help` has it."""
-    return report(results.Denoised, ["denoise"], [frames], {"output": output, "motion": motion, **options}, progress)
+    return report("Denoised", ["denoise"], [frames], {"output": output, "motion": motion, **options}, progress)
 
 
 def figure(pictures: Sequence[Path], output: Path, *, title: str | None = None, label: Sequence[str] = (),
            progress: Progress = False, **options: Option) -> results.Figure:  # fmt: skip
     """Composes a figure from pictures: an SVG, a PDF or a PNG, as the name of `output` says."""
     named = {"output": output, "title": title, "label": ",".join(label) or None}
-    return report(results.Figure, ["figure"], [*pictures], {**named, **options}, progress)
+    return report("Figure", ["figure"], [*pictures], {**named, **options}, progress)
 
 
 def merge(pictures: Sequence[Path], output: Path, *, progress: Progress = False,
           **options: Option) -> results.Merged:  # fmt: skip
     """Joins path-traced pictures of the same scene and view that were rendered apart."""
-    return report(results.Merged, ["merge"], [*pictures], {"output": output, **options}, progress)
+    return report("Merged", ["merge"], [*pictures], {"output": output, **options}, progress)
 
 
 def motion(volume: Path, cameras: Path, output: Path, *, progress: Progress = False,
            **options: Option) -> results.Motion:  # fmt: skip
     """Writes the motion, in pixels, of what pictures of a volume show, as frames `out.####.exr`."""
-    return report(results.Motion, ["motion"], [volume], {"cameras": cameras, "output": output, **options}, progress)
+    return report("Motion", ["motion"], [volume], {"cameras": cameras, "output": output, **options}, progress)
 
 
 def compare(a: Path, b: Path, *, tolerance: float | None = None, layer: str | None = None, heatmap: Path | None = None,
@@ -138,7 +143,7 @@ def compare(a: Path, b: Path, *, tolerance: float | None = None, layer: str | No
     """Compares two EXR pictures, or two sequences; the second is the reference. They agree if no sample differs by
     more than `tolerance` (scene-linear)."""
     named = {"tolerance": tolerance, "layer": layer, "heatmap": heatmap}
-    return report(results.Comparison, ["compare"], [a, b], {**named, **options}, progress)
+    return report("Comparison", ["compare"], [a, b], {**named, **options}, progress)
 
 
 def compare_statistical(a: Path, b: Path, *, repeat_a: Sequence[Path] = (), repeat_b: Sequence[Path] = (),
@@ -156,18 +161,18 @@ def compare_statistical(a: Path, b: Path, *, repeat_a: Sequence[Path] = (), repe
         "statistical": True, "repeat_a": list(repeat_a), "repeat_b": list(repeat_b), "noiseless": noiseless,
         "tolerance": tolerance, "false_alarm": false_alarm, "tile": tile, "layer": layer, "heatmap": heatmap,
     }  # fmt: skip
-    return report(results.Statistics, ["compare"], [a, b], {**named, **options}, progress)
+    return report("Statistics", ["compare"], [a, b], {**named, **options}, progress)
 
 
 def diff(a: Path, b: Path, *, progress: Progress = False, **options: Option) -> results.Difference:
     """Compares the grids of two VDBs."""
-    return report(results.Difference, ["diff"], [a, b], options, progress)
+    return report("Difference", ["diff"], [a, b], options, progress)
 
 
 def info(file: Path, *, progress: Progress = False, **options: Option) -> results.FileInfo:
     """Tells what is in one file: the grids of a VDB, the layers of an EXR, the cameras of a capture. Of several files it
     is called for each: `[cumulo.info(file) for file in files]`."""
-    return report(results.Files, ["info"], [file], options, progress).files[0]
+    return report("Files", ["info"], [file], options, progress).files[0]
 
 
 def view(*files: Path, output: Path, size: int | None = None, grid: str | None = None, density_scale: float | str | None = None,
@@ -178,30 +183,30 @@ def view(*files: Path, output: Path, size: int | None = None, grid: str | None =
     picture in pixels, `grid` the grid of a VDB to show.
     """
     named = {"output": output, "size": size, "grid": grid, "density_scale": density_scale}
-    return report(results.Viewed, ["view"], files, {**named, **options}, progress)
+    return report("Viewed", ["view"], files, {**named, **options}, progress)
 
 
 def validate(*files: Path, progress: Progress = False, **options: Option) -> results.Validation:
     """Tells what is wrong with files, and what to do about it."""
-    return report(results.Validation, ["validate"], files, options, progress)
+    return report("Validation", ["validate"], files, options, progress)
 
 
 def convert(source: Path, output: Path, *, grid: str | list[str] | None = None, progress: Progress = False,
             **options: Option) -> results.Converted:  # fmt: skip
     """Converts VDB to VDB (with edits), VDB to .npy and back, EXR to .npy and back; see `arrays` for NumPy."""
-    return report(results.Converted, ["convert"], [source, output], {"grid": grid, **options}, progress)
+    return report("Converted", ["convert"], [source, output], {"grid": grid, **options}, progress)
 
 
 def convert_capture(source: Path, output: Path, *, progress: Progress = False, **options: Option) -> dict[str, Any]:
     """Takes over a capture of another program (COLMAP, instant-ngp, nerfstudio); returns the report as a dict."""
-    found = report(results.Report, ["capture", "convert"], [source], {"output": output, **options}, progress)
+    found = report("Report", ["capture", "convert"], [source], {"output": output, **options}, progress)
     return found.json
 
 
 def plan(scene: Path, *, views: int | None = None, size: tuple[int, int] | str | None = None,
          progress: Progress = False, **options: Option) -> results.Plan:  # fmt: skip
     """Tells which effects `render` would simulate, what they cost and how much radiance is left out at most."""
-    return report(results.Plan, ["plan"], [scene], {"views": views, "size": extent(size), **options}, progress)
+    return report("Plan", ["plan"], [scene], {"views": views, "size": extent(size), **options}, progress)
 
 
 def gradient(scene: Path, *, wrt: str, loss: str, views: int | None = None, size: tuple[int, int] | str | None = None,
@@ -209,4 +214,4 @@ def gradient(scene: Path, *, wrt: str, loss: str, views: int | None = None, size
     """Differentiates a loss on pictures of a volume with respect to `wrt` ("camera", "density", ...); `check`
     compares the derivatives with difference quotients."""
     named: dict[str, Option] = {"wrt": wrt, "loss": loss, "views": views, "size": extent(size), "check": check}
-    return report(results.Gradient, ["gradient"], [scene], {**named, **options}, progress)
+    return report("Gradient", ["gradient"], [scene], {**named, **options}, progress)

@@ -64,8 +64,10 @@ class Lattice:
         else:
             if voxel_size is not None or origin is not None:
                 raise TypeError("give transform, or voxel_size and origin, not both")
-            rows = [[float(v) for v in row] for row in transform]  # type: ignore[union-attr]
-            if [len(row) for row in rows] != [4, 4, 4, 4]:
+            import numpy
+
+            rows = numpy.asarray(transform, dtype=numpy.float64).tolist()
+            if numpy.shape(rows) != (4, 4):
                 raise invalid(f"{len(rows)} rows", "transform", "give four rows of four numbers")
         return cls(_native.Lattice.of_box(numbers, rows, max_memory))
 
@@ -91,7 +93,8 @@ class Lattice:
 
     def coordinates(self) -> npt.NDArray[np.int32]:
         """Index coordinates of a grid's active voxels, [voxels, 3]. Raises `CumuloError` for a box."""
-        return self._native.coordinates()
+        found: npt.NDArray[np.int32] = self._native.coordinates()
+        return found
 
 
 @dataclasses.dataclass(frozen=True)

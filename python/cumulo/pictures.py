@@ -60,7 +60,8 @@ def array(values: Any, what: str = "values") -> Array:
         raise wrong(f"an array of strides {values.strides}", "copy it: numpy.ascontiguousarray(array), or tensor.contiguous()")
     if not values.flags.aligned:
         raise wrong("an array that is not aligned", "copy it: array.copy()")
-    return values
+    found: Array = values
+    return found
 
 
 def _elsewhere(values: Any) -> bool:

@@ -16,14 +16,15 @@ import json
 import math
 import os
 import pathlib
-import tempfile
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .commands import report
 from .options import Option, Path
 from .progress import Progress
-from .results import Preset, Presets, Suggestion, Transfer
+
+if TYPE_CHECKING:
+    from .results import Preset, Presets, Suggestion, Transfer
 
 # Position and color of a knot.
 Knot = tuple[float, tuple[float, ...]]
@@ -43,7 +44,7 @@ def convert(source: Path, output: Path | None = None, *, preset: str | None = No
     """
     named: dict[str, Option] = {"output": output, "preset": preset, "range": range, "extinction": extinction,
                                 "unit_distance": unit_distance}  # fmt: skip
-    return report(Transfer, ["transfer"], [source], {**named, **options}, progress)
+    return report("Transfer", ["transfer"], [source], {**named, **options}, progress)
 
 
 def suggest(volume: Path, output: Path | None = None, *, candidate: int | None = None, sheet: Path | None = None,
@@ -54,12 +55,12 @@ def suggest(volume: Path, output: Path | None = None, *, candidate: int | None =
     given, and a picture through each to the PNG `sheet`. `grid` is the one of a VDB with several.
     """
     named: dict[str, Option] = {"suggest": volume, "output": output, "candidate": candidate, "sheet": sheet, "grid": grid}
-    return report(Suggestion, ["transfer"], [], {**named, **options}, progress)
+    return report("Suggestion", ["transfer"], [], {**named, **options}, progress)
 
 
 def presets() -> list[Preset]:
     """Lists the transfer functions that are there by name, as `tf=` of `cumulo.render` takes them."""
-    return report(Presets, ["transfer"], [], {"list": True}).functions
+    return report("Presets", ["transfer"], [], {"list": True}).functions
 
 
 def transfer_from_color_ramp(ramp: Any, domain: Sequence[float] = (0.0, 1.0), extinction: float = 1.0,
@@ -88,6 +89,8 @@ def transfer_from_color_ramp(ramp: Any, domain: Sequence[float] = (0.0, 1.0), ex
 
 def write_transfer(path: Path, document: Mapping[str, Any]) -> None:
     """Writes a `.tf.json`, whole or not at all."""
+    import tempfile
+
     path = pathlib.Path(path)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as folder:
         draft = pathlib.Path(folder) / path.name

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from .commands import report
 from .options import Option, Path
-from .results import Authored, Linted
 from .progress import Progress
+
+if TYPE_CHECKING:
+    from .results import Authored, Linted
 
 
 def author(source: Path, output: Path, *, renderer: str | None = None, density_scale: float | None = None,
@@ -16,10 +20,10 @@ def author(source: Path, output: Path, *, renderer: str | None = None, density_s
     `density_scale` is extinction per unit of density and world length, `camera` a capture whose cameras are written.
     """
     named: dict[str, Option] = {"output": output, "renderer": renderer, "density_scale": density_scale, "camera": camera}
-    return report(Authored, ["usd", "author"], [source], {**named, **options}, progress)
+    return report("Authored", ["usd", "author"], [source], {**named, **options}, progress)
 
 
 def lint(*stages: Path, fix: Path | None = None, progress: Progress = False, **options: Option) -> Linted:
     """Tells what is wrong with stages, and what to do about it. `fix` is a layer (`.usda`) to be written over the only
     stage, which removes the faults that have one remedy. Raises CumuloError where a stage cannot be read."""
-    return report(Linted, ["usd", "lint"], stages, {"fix": fix, **options}, progress)
+    return report("Linted", ["usd", "lint"], stages, {"fix": fix, **options}, progress)

