@@ -117,7 +117,7 @@ impl PyMedium {
             setting.quadrature = match (quadrature, step) {
                 (None, None) => usual_quadrature(&setting)?,
                 (None, Some(_)) => {
-                    return Err(Error::invalid("a ⟨step⟩ without a ⟨quadrature⟩ that has one")
+                    return Err(Error::invalid("a `step` without a ⟨quadrature⟩ that has one")
                         .hint("give ⟨quadrature=midpoint⟩, or leave the step out"));
                 }
                 (Some(name), None) => name.parse()?,
@@ -125,13 +125,13 @@ impl PyMedium {
                     Some("midpoint") => Quadrature::Midpoint(step),
                     Some("riemann") => Quadrature::Riemann(step),
                     _ => {
-                        return Err(Error::invalid(format!("quadrature '{name}' has no ⟨step⟩"))
+                        return Err(Error::invalid(format!("quadrature '{name}' has no `step`"))
                             .hint("give ⟨quadrature=midpoint⟩ or ⟨quadrature=riemann⟩, or leave the step out"));
                     }
                 },
             };
             if setting.quadrature.step().is_some_and(|step| !(1e-3..=1e3).contains(&step)) {
-                return Err(Error::invalid("the ⟨step⟩ must lie in 0.001 to 1000 voxels"));
+                return Err(Error::invalid("the `step` must lie in 0.001 to 1000 voxels"));
             }
             Ok(Self(setting))
         };

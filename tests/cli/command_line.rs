@@ -32,7 +32,10 @@ fn program_and_package_state_one_version() {
     // A build of a checkout by `make` states its commit, too.
     let rest = text.trim().strip_prefix(&format!("cumulo {version}")).unwrap();
     assert!(rest.is_empty() || rest.starts_with(" (commit "), "{text}");
-    assert!(include_str!("../../python/cumulo/__init__.py").contains(&format!("__version__ = \"{version}\"")));
+    // The package has the version of its native module, which is the workspace's, as the program's is.
+    assert!(include_str!("../../python/cumulo/__init__.py").contains("__version__ = _native.__version__"));
+    assert!(include_str!("../../src/python/Cargo.toml").contains("version.workspace = true"));
+    assert!(include_str!("../../python/addon/blender_manifest.toml").contains(&format!("version = \"{version}\"")));
 }
 
 /// What no work can be done in was accepted, and failed somewhere.

@@ -8,7 +8,8 @@ import sys
 
 PACKAGE = pathlib.Path(__file__).resolve().parents[2]
 PAGE = (PACKAGE.parent / "src" / "guide" / "torch.md").read_text(encoding="utf-8")
-PROGRAMS = dict(re.findall(r"^```python (\S+)\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE))
+README = (PACKAGE.parent / "README.md").read_text(encoding="utf-8")
+PROGRAMS = dict(re.findall(r"^```python (\S+)\n(.*?)^```", PAGE + README, re.DOTALL | re.MULTILINE))
 
 
 def run(name, folder):
@@ -29,5 +30,9 @@ def test_a_loss_of_your_own(tmp_path):
     assert last < 0.3 * first
 
 
+def test_the_readme(tmp_path):
+    assert run("readme.py", tmp_path) == ""
+
+
 def test_every_program_is_run():
-    assert sorted(PROGRAMS) == ["first.py", "fit.py"] and PAGE.count("```python") == 2
+    assert sorted(PROGRAMS) == ["first.py", "fit.py", "readme.py"] and (PAGE + README).count("```python") == 3
