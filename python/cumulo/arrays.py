@@ -7,6 +7,7 @@ Axis order: volumes are `array[x, y, z]` (vectors `array[x, y, z, component]`), 
 from __future__ import annotations
 
 import dataclasses
+import os
 import pathlib
 import tempfile
 from typing import Any
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from . import _native
 from .commands import convert
+from .errors import CumuloError
 from .options import Option, Path
 
 Array = npt.NDArray[np.float32]
@@ -71,7 +73,8 @@ def _converted(path: Path, grid: str | None, options: dict[str, Any]) -> Volume:
         array = pathlib.Path(folder) / "grid.npy"
         made = convert(path, array, grid=grid, **options)
         values = np.load(array)
-    assert made.grid is not None
+    if made.grid is None:
+        raise CumuloError("invalid", "this is no volume", os.fspath(path), None, "read pictures with cumulo.arrays.read_picture")
     return Volume(values, np.array(made.grid.transform), made.grid.name, made.grid.index_origin, made.grid.background)
 
 
@@ -99,7 +102,8 @@ def read_picture(path: Path, layer: str | None = None, **options: Any) -> Pictur
         array = pathlib.Path(folder) / "layer.npy"
         made = convert(path, array, layer=layer, **options)
         values = np.load(array)
-    assert made.layer is not None
+    if made.layer is None:
+        raise CumuloError("invalid", "this is no picture", os.fspath(path), None, "read volumes with cumulo.arrays.read_volume")
     return Picture(values, tuple(made.layer.channels), made.layer.name)
 
 
@@ -112,4 +116,10 @@ def _through(path: Path, values: npt.ArrayLike, options: dict[str, Any]) -> None
     with tempfile.TemporaryDirectory(prefix="cumulo-") as folder:
         array = pathlib.Path(folder) / "array.npy"
         np.save(array, np.ascontiguousarray(values, dtype=np.float32))
-        convert(array, path, **options)
+        try:
+            convert(array, path, **options)
+        except CumuloError as error:
+            if error.path != array:
+                raise
+            # The file is known here alone.
+            raise CumuloError(error.code, error.what, os.fsdecode(path), error.part or "array", error.remedy) from None

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 # What every document of the program states of itself, beside its report.
 ENVELOPE = ("version", "command")
+# More threads are taken for a mistake.
+MOST_THREADS = 1024
 
 
 def call(*arguments: object, progress: Progress = False, threads: int | None = None) -> dict[str, Any]:
@@ -32,6 +34,9 @@ def call(*arguments: object, progress: Progress = False, threads: int | None = N
 
     Raises CumuloError, KeyboardInterrupt after Ctrl-C, and what `progress` raises.
     """
+    if threads is not None and not 1 <= threads <= MOST_THREADS:
+        remedy = f"give 1 to {MOST_THREADS}, or leave it out to work on all cores"
+        raise CumuloError("invalid", f"{threads} threads", None, "threads", remedy)
     said, code = _native.run([word(argument) for argument in arguments], listener(progress), threads or 0)
     try:
         document: dict[str, Any] = json.loads(said)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import operator
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
@@ -36,8 +37,12 @@ class Lattice:
     rows of four numbers, acting on columns.
     """
 
-    def __init__(self, native: Any) -> None:
+    def __init__(self, native: Any, made_of: tuple[Any, ...]) -> None:
         self._native = native
+        self._made_of = made_of
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made_again, self._made_of
 
     @classmethod
     def box(cls, shape: Sequence[int], *, voxel_size: float | None = None,
@@ -69,15 +74,15 @@ class Lattice:
             rows = numpy.asarray(transform, dtype=numpy.float64).tolist()
             if numpy.shape(rows) != (4, 4):
                 raise invalid(f"{len(rows)} rows", "transform", "give four rows of four numbers")
-        return cls(_native.Lattice.of_box(numbers, rows, max_memory))
+        return cls(_native.Lattice.of_box(numbers, rows, max_memory), (numbers, rows, max_memory))
 
     @classmethod
     def read(cls, path: Path, grid: str | None = None, *,
              max_memory: int | None = None) -> tuple[Lattice, npt.NDArray[np.float32]]:  # fmt: skip
         """The active voxels of a grid of a file: their places and their values, float32, [voxels]. All other voxels,
         and the background, keep the file's values. Raises `CumuloError` if the file cannot be read as a density."""
-        native, values = _native.Lattice.of_grid(path, grid, max_memory)
-        return cls(native), values
+        native, values = _native.Lattice.of_grid(os.fsdecode(path), grid, max_memory)
+        return cls(native, (os.path.abspath(os.fsdecode(path)), grid, max_memory)), values
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -97,7 +102,14 @@ class Lattice:
         return found
 
 
-@dataclasses.dataclass(frozen=True)
+def _made_again(place: Any, how: Any, max_memory: int | None) -> Lattice:
+    """A lattice of its pickle: of a box by its shape and transform, of a grid by its file, which is read again."""
+    if isinstance(place, str):
+        return Lattice.read(place, how, max_memory=max_memory)[0]
+    return Lattice.box(place, transform=how, max_memory=max_memory)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Texture:
     """A transfer function of `texels`, [n, 4], evenly over the `domain` of densities: texel i lies at
     low + (i + 1/2) (high - low) / n. It is linear between texels and constant outside the outermost. Columns are the
@@ -113,7 +125,7 @@ class Texture:
         return self.texels
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Piecewise:
     """A transfer function that is linear between `points`, [n, 5], of ascending density: density, red, green, blue and
     extinction. Two points of one density are a step."""
@@ -132,7 +144,7 @@ class Piecewise:
         return (0.0, 1.0)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Gaussians:
     """A transfer function that is a sum of `lobes`, [n, 6]: density of the peak, logarithm of the standard deviation,
     then red, green, blue and extinction at the peak. It is tabulated over the `domain` and constant outside."""
@@ -150,7 +162,7 @@ class Gaussians:
 Function = Texture | Piecewise | Gaussians
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Cameras:
     """Cameras whose pictures have one size.
 
@@ -196,6 +208,9 @@ class Cameras:
         import numpy
 
         from .capture import sphere_cameras
+
+        if not 0 < field_of_view < 180:
+            raise invalid(f"{field_of_view} degrees", "field_of_view", "give an angle between 0 and 180")
 
         if len(lattice.shape) == 3:
             low, high = numpy.zeros(3), numpy.array(lattice.shape) - 1.0

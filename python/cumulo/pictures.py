@@ -52,6 +52,8 @@ def array(values: Any, what: str = "values") -> Array:
             values = np.from_dlpack(values)
         except (BufferError, RuntimeError, TypeError, ValueError) as error:
             raise wrong(f"an object that DLPack cannot give ({error})", "give array.detach().cpu().contiguous()") from error
+    if isinstance(values, np.ma.MaskedArray):
+        raise wrong("a masked array", "fill it: array.filled(0)")
     if values.dtype not in (np.float32, np.float64):
         raise wrong(f"an array of {values.dtype}", "convert it: array.astype(numpy.float32)")
     if not values.dtype.isnative:
@@ -107,6 +109,11 @@ def prepared(values: Any, cameras: Cameras, *, lattice: Lattice | None = None, f
     if pre_shaded and function is not None:
         raise invalid("a transfer function for a pre-shaded volume", "function",
                       "leave it out: the volume has colors and extinctions of its own")  # fmt: skip
+    if pre_shaded and number(density_scale, "density_scale") != 1.0:
+        raise invalid("a density scale of a pre-shaded volume", "density_scale",
+                      "leave it out, and multiply the volume: its four numbers are per world length")  # fmt: skip
+    if (pre_shaded or function is not None) and any(triple(emission, "emission")):
+        raise invalid("a source beside the colors of a transfer function or a pre-shaded volume", "emission", "leave it out")
     if emission_model not in ("grey", "linear"):
         raise invalid(f"an emission model {emission_model!r}", "emission_model", 'give "grey" or "linear"')
     if quadrature is not None and not isinstance(quadrature, str):

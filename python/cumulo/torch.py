@@ -87,6 +87,8 @@ def _arranged(settings: dict[str, Any], inputs: tuple[Tensor | None, ...]) -> pi
     """The array as it is seen."""
     values, function, camera_to_world, focal, centre, density_scale, emission, background, step = inputs
     assert values is not None
+    if values.is_neg():
+        raise invalid("a tensor whose sign is yet to be turned", "values", "turn it: tensor.resolve_neg()")
     made = None
     if function is not None:
         kind, parameters = settings["kind"], pictures.matrix(function)

@@ -1,7 +1,9 @@
 """Whatever is given to `cumulo.torch.render` and cannot be used is an exception that says what to do."""
 
+import copy
 import dataclasses
 import math
+import pickle
 
 import cases
 import cumulo.torch as ct
@@ -64,7 +66,7 @@ def test_negative_densities_are_fine_where_a_function_maps_them():
 @pytest.mark.parametrize("kind", [None, Texture])
 def test_very_small_and_very_large_densities_give_finite_pictures_and_gradients(value, kind):
     values = holding(value).requires_grad_()
-    found = ct.render(values, SEEN, emission=(1, 0.5, 0.2), function=kind and cases.function(kind))
+    found = ct.render(values, SEEN, emission=(0, 0, 0) if kind else (1, 0.5, 0.2), function=kind and cases.function(kind))
     found.sum().backward()
     assert found.isfinite().all() and values.grad.isfinite().all()
 
@@ -199,3 +201,29 @@ def test_what_was_refused_leaves_the_next_call_as_it_was():
     refused(holding(NAN))
     refused(supersample=0)
     assert torch.equal(ct.render(NUMBERS, SEEN), before)
+
+
+@pytest.mark.parametrize("settings", [{"density_scale": 2.0}, {"emission": (1, 0, 0)}])
+def test_what_a_pre_shaded_volume_has_itself_is_refused(settings):
+    with pytest.raises(CumuloError, match="pre-shaded") as refused:
+        ct.render(cases.pre_shaded(), cases.cameras(), lattice=cases.lattice(), **settings)
+    assert refused.value.remedy
+
+
+def test_a_source_beside_a_transfer_function_is_refused():
+    with pytest.raises(CumuloError, match="a source beside the colors"):
+        ct.render(cases.density(), cases.cameras(), lattice=cases.lattice(), function=cases.function(Texture), emission=(1, 0, 0))
+
+
+def test_masked_arrays_and_tensors_with_a_turned_sign_are_refused():
+    values = cases.density()
+    with pytest.raises(CumuloError, match="masked"):
+        pictures.render(np.ma.masked_array(values.numpy(), values.numpy() > 0.5), cases.cameras(), lattice=cases.lattice())
+    with pytest.raises(CumuloError, match="sign"):
+        ct.render(torch._neg_view(-values), cases.cameras(), lattice=cases.lattice())
+
+
+def test_lattices_are_pickled_and_copied(tmp_path):
+    for lattice in (cases.lattice(), cases.sparse(tmp_path)[0]):
+        for again in (pickle.loads(pickle.dumps(lattice)), copy.deepcopy(lattice)):
+            assert again.shape == lattice.shape and np.array_equal(again.transform, lattice.transform)
