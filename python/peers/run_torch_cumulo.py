@@ -17,7 +17,7 @@ import cumulo.torch as ct
 import numpy as np
 import torch
 import torch.multiprocessing
-from cumulo import __version__, _native
+from cumulo import __version__
 from field import emit, smoke
 from run_torch import HALF, PIXELS, Caster, camera, mean_square, resident, transfer_function
 
@@ -108,7 +108,7 @@ def overhead(rounds):
         ct.render(values, cameras, lattice=lattice, threads=1)
 
     def work():
-        _native.render(given.lattice, given.values, given.cameras, given.medium, **given.how)
+        given.scene.render()
 
     def both_ways():
         leaf = values.requires_grad_(True)
