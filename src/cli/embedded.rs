@@ -35,7 +35,8 @@ pub fn run(words: impl IntoIterator<Item = OsString>, context: Context) -> Resul
             let text = usage.render().to_string();
             let error = Error::invalid(super::mistake(&text)).coded(Code::Usage);
             // The library of the command line knows arguments of similar names.
-            let tip = text.lines().find_map(|line| line.trim().strip_prefix("tip: ")).filter(|tip| !tip.contains("'-- "));
+            let tip =
+                text.lines().find_map(|line| line.trim().strip_prefix("tip: ")).filter(|tip| !tip.contains("'-- "));
             return Err(tip.into_iter().fold(error, |error, tip| error.hint(tip)));
         }
     };

@@ -149,7 +149,7 @@ impl PyMedium {
 /// Makes a transfer function of its parameters.
 fn transfer(kind: &str, parameters: Vec<f64>, domain: [f64; 2]) -> Result<Transfer> {
     let rows = |n: usize| {
-        if parameters.is_empty() || parameters.len() % n != 0 {
+        if parameters.is_empty() || !parameters.len().is_multiple_of(n) {
             return Err(Error::invalid(format!("{} parameters of a {kind} function", parameters.len()))
                 .hint(format!("give {n} an entry, and at least one entry")));
         }

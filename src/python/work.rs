@@ -12,8 +12,11 @@ use std::time::Duration;
 /// Time between two looks whether Python was interrupted.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Pools by process and number of threads, those used last at the end. Pools of a process do not work in its forks.
-static POOLS: Mutex<Vec<((u32, usize), Arc<ThreadPool>)>> = Mutex::new(Vec::new());
+/// Process and number of threads of a pool, and the pool: it does not work in forks of its process.
+type Kept = ((u32, usize), Arc<ThreadPool>);
+
+/// Pools, those used last at the end.
+static POOLS: Mutex<Vec<Kept>> = Mutex::new(Vec::new());
 
 /// Most pools that are kept: those of other numbers of threads end.
 const MOST_POOLS: usize = 3;

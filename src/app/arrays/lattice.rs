@@ -36,6 +36,7 @@ struct Kept {
 const MOST_KEPT: u64 = 256 << 20;
 
 #[derive(Debug)]
+#[allow(clippy::large_enum_variant, reason = "a lattice has one")]
 enum Places {
     /// Box of voxels: its shape, and its bricks without and with a transfer function.
     Box { shape: [usize; 3], transform: Affine, bricks: [OnceLock<Arc<Dense>>; 2] },

@@ -51,7 +51,7 @@ pub fn volume(path: &Path, name: Option<&str>, scan: &ScanSettings, limits: Limi
     let source = Source::new(&native, limits).map_err(place)?;
     let count = source.count().map_err(place)?;
     if count.saturating_mul(4) > limits.max_memory {
-        return Err(too_large(count.saturating_mul(4), limits.max_memory)).map_err(place);
+        return Err(place(too_large(count.saturating_mul(4), limits.max_memory)));
     }
     let mut values = Vec::with_capacity(usize::try_from(count).unwrap_or(0));
     let mut slab = Vec::new();
