@@ -7,6 +7,8 @@ from typing import Any, final
 import numpy as np
 import numpy.typing as npt
 
+__all__ = ["Cameras", "Lattice", "Medium", "Scene", "__version__", "main", "read_volume", "run", "set_helper"]
+
 __version__: str
 
 _Path = str | os.PathLike[str]
