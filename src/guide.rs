@@ -19,7 +19,7 @@
 //! | [Reconstruction](reconstruction) | How do I find densities, transfer functions, colors, poses and viewpoints? |
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
 //! | [A loss of your own](own_loss) | How do I differentiate a loss that I write in NumPy or PyTorch? |
-//! | [PyTorch](torch) | How do I train through pictures: densities, transfer functions and cameras with a loss of my own? |
+//! | [PyTorch](torch) | How do I fit densities, functions and cameras to pictures under a loss of my own? |
 //! | [Accuracy and cost](accuracy_and_cost) | What does accuracy cost in time and memory? |
 //! | [Self-test](self_test) | Which inputs break formulas of rendering, and is the program right on my machine? |
 //! | [Scripts](shell) | How do I work on sequences, read exit codes and JSON, and check renders in a pipeline? |

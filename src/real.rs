@@ -52,8 +52,8 @@ pub trait Real:
     }
 }
 
-/// Returns the least and the greatest of numbers, none of which is NaN; `None` without any. Runs of numbers are compared
-/// side by side, as fast as memory gives them.
+/// Returns the least and the greatest of numbers, none of which is NaN; `None` without any. Runs of numbers are
+/// compared side by side, as fast as memory gives them.
 pub fn extremes<R: Real>(values: &[R]) -> Option<(R, R)> {
     const SIDE: usize = 4;
     let first = *values.first()?;

@@ -63,7 +63,7 @@ def read_volume(path: Path, grid: str | None = None, *, max_memory: int | str | 
     """
     if scan or isinstance(max_memory, str):
         return _converted(path, grid, {**scan, "max_memory": max_memory})
-    values, transform, name, low, background = _native.read_volume(path, grid, None, max_memory)
+    values, transform, name, low, background = _native.read_volume(path, grid, max_memory)
     return Volume(values, np.array(transform), name, tuple(low), tuple(background))
 
 

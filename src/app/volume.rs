@@ -90,6 +90,21 @@ pub(crate) fn open(path: &Path, scan: &ScanSettings, limits: Limits) -> Result<F
     }
 }
 
+/// Returns the name of the grid that becomes an array unless one is named: the only one, or the density.
+///
+/// # Errors
+/// If there are several, and none of them is the density.
+pub(crate) fn array_grid(file: &File, path: &Path) -> Result<String> {
+    let names: Vec<&str> = file.entries().iter().map(|e| e.name.as_str()).collect();
+    match &names[..] {
+        [only] => Ok((*only).to_owned()),
+        names if names.contains(&"density") => Ok("density".into()),
+        names => Err(Error::invalid(format!("one grid makes an array; the file has {}", names.join(", ")))
+            .at(path)
+            .hint("name one of them with ⟨grid⟩")),
+    }
+}
+
 /// Reads a fog volume, and the transfer function that the settings name, else the one that the volume's grid carries.
 ///
 /// # Errors

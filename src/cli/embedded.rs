@@ -14,8 +14,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct Answer {
     /// The document that the command prints with `--json`.
     pub document: String,
-    /// The exit code of the command: 0 success, 1 a check found something, 2 parts of the work failed, 128 and more if it
-    /// was stopped and wrote what it had.
+    /// The exit code of the command: 0 success, 1 a check found something, 2 parts of the work failed, 128 and more if
+    /// it was stopped and wrote what it had.
     pub code: u8,
 }
 

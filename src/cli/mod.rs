@@ -242,8 +242,9 @@ fn path_of(matches: &ArgMatches) -> String {
 }
 
 /// Runs the program on the words of a command line, its own name first, and returns its exit code: 0 success, 1 a check
-/// found something, 2 an error, and 128 with a signal's number, such as 130 of Ctrl-C, for work that was stopped. Errors
-/// are printed, as JSON too with `--json`. `commit` is the one that the program was built from, if the build knew it.
+/// found something, 2 an error, and 128 with a signal's number, such as 130 of Ctrl-C, for work that was stopped.
+/// Errors are printed, as JSON too with `--json`. `commit` is the one that the program was built from, if the build knew
+/// it.
 pub fn main(words: Vec<OsString>, commit: Option<&str>) -> u8 {
     version::of_commit(commit);
     speak_as(flags::option);

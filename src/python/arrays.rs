@@ -3,9 +3,8 @@
 use crate::errors::exception;
 use crate::work::done;
 use cumulo::app::arrays::{Lattice, volume};
-use cumulo::app::scan::ScanSettings;
 use cumulo::cancel::Cancel;
-use cumulo::error::{Error, Result};
+use cumulo::error::Result;
 use cumulo::formats::limits::Limits;
 use cumulo::math::Affine;
 use glam::DMat4;
@@ -80,24 +79,16 @@ type Read<'py> = (Bound<'py, PyArrayDyn<f32>>, [[f64; 4]; 4], String, [i32; 3], 
 
 /// Reads a grid of a VDB, a NanoVDB or a scan as an array over the box of its active voxels: float32, [x, y, z] or
 /// [x, y, z, component]. Returns it with the map from its indices to the world (4 rows of 4), the grid's name, the
-/// index coordinates of the first voxel, and the value of the other voxels. `scan` holds the settings of scans as JSON.
+/// index coordinates of the first voxel, and the value of the other voxels.
 #[pyfunction]
-#[pyo3(signature = (path, grid=None, scan=None, max_memory=None))]
+#[pyo3(signature = (path, grid=None, max_memory=None))]
 pub(crate) fn read_volume<'py>(
     py: Python<'py>,
     path: PathBuf,
     grid: Option<String>,
-    scan: Option<String>,
     max_memory: Option<u64>,
 ) -> PyResult<Read<'py>> {
-    let read = || {
-        let scan: ScanSettings = match &scan {
-            Some(text) => serde_json::from_str(text)
-                .map_err(|e| Error::invalid(format!("settings of scans: {e}")).hint("see cumulo.convert"))?,
-            None => ScanSettings::default(),
-        };
-        volume(&path, grid.as_deref(), &scan, limits(max_memory))
-    };
+    let read = || volume(&path, grid.as_deref(), limits(max_memory));
     let found = done(py, 0, &Cancel::new(), read)?;
     let mut shape = found.shape.to_vec();
     if found.components > 1 {

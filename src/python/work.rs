@@ -13,10 +13,10 @@ use std::time::Duration;
 const LOOK: Duration = Duration::from_millis(50);
 
 /// Process and number of threads of a pool, and the pool: it does not work in forks of its process.
-type Kept = ((u32, usize), Arc<ThreadPool>);
+type PoolOfProcess = ((u32, usize), Arc<ThreadPool>);
 
 /// Pools, those used last at the end.
-static POOLS: Mutex<Vec<Kept>> = Mutex::new(Vec::new());
+static POOLS: Mutex<Vec<PoolOfProcess>> = Mutex::new(Vec::new());
 
 /// Most pools that are kept: those of other numbers of threads end.
 const MOST_POOLS: usize = 3;

@@ -460,8 +460,8 @@ impl<R: Real> Bricks<R> {
         self.interpolated(self.corners(index))
     }
 
-    /// Value at the end of a ray, on a face of the domain. Rounding may place it beyond the face, where there need not be
-    /// bricks: the cell is one within the domain.
+    /// Value at the end of a ray, on a face of the domain. Rounding may place it beyond the face, where there need not
+    /// be bricks: the cell is one within the domain.
     pub(crate) fn sample_at_end(&self, index: DVec3) -> R {
         let Aabb { min, max } = self.domain;
         let index = index.clamp(min, max);

@@ -1,7 +1,7 @@
 //! Arrays of all voxels of a box as fields.
 //!
-//! An array has the shape [nx, ny, nz], its last axis is the fastest, and its entry [i, j, k] is the value at the centre
-//! of the voxel with index coordinates (i, j, k).
+//! An array has the shape [nx, ny, nz], its last axis is the fastest, and its entry [i, j, k] is the value at the
+//! centre of the voxel with index coordinates (i, j, k).
 
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
@@ -75,8 +75,8 @@ impl Dense {
         (self.topology.len() * BRICK * size_of::<V>()) as u64
     }
 
-    /// Arranges the values of all voxels, in the array's order, in bricks; beyond them lies 0. `voxel` converts a value.
-    /// The field lies in `memory`, if that is what a field of these bricks had before.
+    /// Arranges the values of all voxels, in the array's order, in bricks; beyond them lies 0. `voxel` converts a
+    /// value. The field lies in `memory`, if that is what a field of these bricks had before.
     pub fn field<T: Copy + Sync, V: Voxel>(
         &self,
         values: &[T],

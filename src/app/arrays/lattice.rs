@@ -22,12 +22,12 @@ pub struct Lattice {
     places: Places,
     limits: Limits,
     /// Memory of earlier fields and gradients: fresh memory costs as much as the rays through it.
-    spare: Mutex<Vec<Kept>>,
+    spare: Mutex<Vec<Buffer>>,
 }
 
 /// Memory that is kept for the next use of its kind.
 #[derive(Debug)]
-struct Kept {
+struct Buffer {
     bytes: u64,
     memory: Box<dyn Any + Send>,
 }
@@ -179,13 +179,16 @@ impl Lattice {
     /// # Errors
     /// If these are the places of a box, or the grid cannot be arranged.
     pub fn active(&self) -> Result<Arc<Active>> {
-        let Places::Active { grid, .. } = &self.places else {
+        let Places::Active { voxels, .. } = &self.places else {
             return Err(Error::invalid("all voxels of a box have values").hint("its array has the shape of the box"));
         };
+        // However they are arranged, the voxels and their order are the same.
+        if let Some(active) = voxels.iter().find_map(OnceLock::get) {
+            return Ok(Arc::clone(active));
+        }
         // Any values may become densities later, so that the grid's own need not be some.
         let any = Transfer::Identity { domain: [0.0, 1.0], color: [0.0; 3] };
-        let signed = grid.background != 0.0 || Bricks::<f32>::from_grid(grid, self.limits.max_memory).is_err();
-        match self.arranged(signed.then_some(&any))? {
+        match self.arranged(None).or_else(|_| self.arranged(Some(&any)))? {
             Arranged::Active(active) => Ok(active),
             Arranged::Box(_) => Err(Error::invalid("a grid is no box")),
         }
@@ -234,7 +237,7 @@ impl Lattice {
     pub(super) fn keep<M: Any + Send>(&self, memory: M, bytes: u64) {
         let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         if spare.iter().map(|spare| spare.bytes).sum::<u64>() + bytes <= MOST_KEPT {
-            spare.push(Kept { bytes, memory: Box::new(memory) });
+            spare.push(Buffer { bytes, memory: Box::new(memory) });
         }
     }
 

@@ -32,18 +32,11 @@ pub struct Volume {
 ///
 /// # Errors
 /// If the file or the grid cannot be read, or the array would take more memory than is allowed.
-pub fn volume(path: &Path, name: Option<&str>, scan: &ScanSettings, limits: Limits) -> Result<Volume> {
-    let file = volume::open(path, scan, limits)?;
-    let names: Vec<&str> = file.entries().iter().map(|e| e.name.as_str()).collect();
-    let name = match (name, &names[..]) {
-        (Some(name), _) => file.find(name)?.name.clone(),
-        (None, [only]) => (*only).to_owned(),
-        (None, _) if names.contains(&"density") => "density".into(),
-        _ => {
-            return Err(Error::invalid(format!("one grid makes an array; the file has {}", names.join(", ")))
-                .at(path)
-                .hint("name one of them with ⟨grid⟩"));
-        }
+pub fn volume(path: &Path, name: Option<&str>, limits: Limits) -> Result<Volume> {
+    let file = volume::open(path, &ScanSettings::default(), limits)?;
+    let name = match name {
+        Some(name) => file.find(name)?.name.clone(),
+        None => volume::array_grid(&file, path)?,
     };
     let place = |e: Error| e.part(format!("grid '{name}'")).at(path);
     let native = file.read(&name)?;

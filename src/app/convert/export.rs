@@ -4,6 +4,7 @@ use super::images::losses;
 use super::report::{GridPlace, Image, array_to_world};
 use super::{ConvertSettings, FileReport};
 use crate::app::Context;
+use crate::app::volume::array_grid;
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::formats::format::FileKind;
@@ -66,12 +67,10 @@ impl ConvertSettings {
 
     /// Name of the grid that becomes an image: that of `grid`, the only one, or the density.
     fn one_grid(&self, file: &File) -> Result<String> {
-        let names: Vec<&str> = file.entries().iter().map(|e| e.name.as_str()).collect();
-        match (&self.grid[..], &names[..]) {
-            ([name, more @ ..], _) if more.iter().all(|other| other == name) => file.find(name).map(|e| e.name.clone()),
-            ([], [only]) => Ok((*only).to_owned()),
-            ([], _) if names.contains(&"density") => Ok("density".into()),
-            _ => Err(Error::invalid(format!("one grid makes an array; the file has {}", names.join(", ")))
+        match &self.grid[..] {
+            [name, more @ ..] if more.iter().all(|other| other == name) => file.find(name).map(|e| e.name.clone()),
+            [] => array_grid(file, &self.input),
+            names => Err(Error::invalid(format!("one grid makes an array; {} are named", names.join(", ")))
                 .at(&self.input)
                 .hint("name one of them with ⟨grid⟩")),
         }

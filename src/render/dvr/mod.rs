@@ -349,8 +349,8 @@ impl<'a, R: Real> Dvr<'a, R> {
         if matches!(self.medium.source, Source::Transfer(_)) { self.skipping_empty() } else { self }
     }
 
-    /// Skips bricks in which nothing absorbs, for fields that have many. Derivatives with respect to voxels of such bricks
-    /// are left out.
+    /// Skips bricks in which nothing absorbs, for fields that have many. Derivatives with respect to voxels of such
+    /// bricks are left out.
     #[must_use]
     pub fn skipping_empty(mut self) -> Self {
         let bounds = self.majorants().bricks();
