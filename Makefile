@@ -1,7 +1,7 @@
 # Every target makes what it needs: Debian packages where they are missing, Python environments, the
 # program. A second run finds it all there.
 .DEFAULT_GOAL := demo
-.PHONY: demo test fuzz soak coverage check bench build setup share install deb wheel addon clean
+.PHONY: demo test fuzz soak coverage check bench build mpi setup share install deb wheel addon clean
 
 export CUMULO := $(CURDIR)/target/release/cumulo
 export PYTHONDONTWRITEBYTECODE := 1
@@ -22,8 +22,12 @@ setup: ## everything that the other targets may need
 
 build: ## the program, and the native module of the Python package beside its sources
 	python/setup.sh build
-	cargo build --release --locked --workspace
+	cargo build --release --locked
 	install -m 755 target/release/lib_native.so python/cumulo/_native.abi3.so
+
+mpi: ## the program for clusters, target/release/cumulo-mpi
+	python/setup.sh build mpi
+	cargo build --release --locked --workspace
 
 demo: build
 ifneq ($(filter-out 0,$(BLENDER)),)
@@ -36,7 +40,7 @@ endif
 # A file's tests share what they render, so that they stay with one process.
 PARALLEL := --numprocesses 2 --dist loadfile
 
-test: setup build
+test: setup build mpi
 	cargo test --release --locked --workspace
 	.venvs/bpy/bin/python -m pytest $(PARALLEL) python/tests --ignore python/tests/usd --ignore python/tests/mitsuba --ignore python/tests/imaging --ignore python/tests/torch
 	.venvs/usd/bin/python -m pytest python/tests/usd
@@ -66,7 +70,7 @@ coverage: ## stated errors of path-traced pictures against the truth, over a tho
 	COVERAGE_SEEDS=$(SEEDS) cargo test --release --locked --test kernels accuracy:: -- --nocapture
 
 check: ## what is worth seeing before each commit; under three minutes once built
-	python/setup.sh build
+	python/setup.sh build mpi
 	cargo fmt --all --check
 	cargo clippy --release --locked --workspace --all-targets -- -D warnings
 	cargo test --release --locked --workspace --lib --bins

@@ -15,6 +15,7 @@ pub mod math;
 pub mod metrics;
 pub mod ordered;
 pub mod plan;
+pub mod ranks;
 pub mod real;
 pub mod render;
 pub mod scene;

@@ -28,8 +28,8 @@ pub mod report;
 pub(crate) use cumulo_kernels::ordered;
 #[doc(inline)]
 pub use cumulo_kernels::{
-    arch, cancel, denoise, differentiate, error, hard_cases, inverse, math, metrics, plan, real, render, scene, text,
-    wording,
+    arch, cancel, denoise, differentiate, error, hard_cases, inverse, math, metrics, plan, ranks, real, render, scene,
+    text, wording,
 };
 
 pub use error::{Error, Result};

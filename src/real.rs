@@ -1,5 +1,6 @@
 //! Floating-point types of the kernels: `f32` for work, `f64` for references and tests.
 
+use bytemuck::Pod;
 use std::fmt::Debug;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
@@ -12,7 +13,7 @@ pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
 
 /// A floating-point type that kernels are generic over: `f32` or `f64`.
 pub trait Real:
-    Number + Debug + Default + PartialOrd + Send + Sync + 'static + Div<Output = Self> + AddAssign + SubAssign + Sum
+    Number + Pod + Debug + Default + PartialOrd + Send + Sync + Div<Output = Self> + AddAssign + SubAssign + Sum
 {
     /// Zero.
     const ZERO: Self;
@@ -148,7 +149,7 @@ fn exp_neg(x: f32) -> f32 {
 pub(crate) const LANES: usize = 4;
 
 /// A vector of four numbers with elementwise operators.
-pub trait Lanes<R: Real>: Number + Default + AddAssign + Div<Output = Self> {
+pub trait Lanes<R: Real>: Number + Pod + Default + AddAssign + Div<Output = Self> {
     /// The zero vector.
     const ZERO: Self;
     /// A vector whose four elements are `v`.

@@ -12,6 +12,11 @@ backward pass, so that the memory does not depend on their number, nor on that o
 
 from __future__ import annotations
 
+import ctypes
+import functools
+import math
+import pathlib
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -75,11 +80,32 @@ def look_at(eye: Tensor, target: Any = (0.0, 0.0, 0.0), up: Any = (0.0, 0.0, 1.0
     return torch.cat([columns, last], dim=-2)
 
 
+# Pixels from which on the work is worth that PyTorch's threads start anew.
+MANY = 4096
+# OpenMP's omp_pause_soft.
+SOFT = 1
+
+
+@functools.cache
+def _pause() -> Callable[[int], int] | None:
+    """OpenMP's function by which threads without work end, as PyTorch has it."""
+    try:
+        library = ctypes.CDLL(str(pathlib.Path(torch.__file__).with_name("lib") / "libtorch_cpu.so"))
+        found: Callable[[int], int] = library.omp_pause_resource_all
+    except (OSError, AttributeError):
+        return None
+    return found
+
+
 def _prepared(settings: dict[str, Any], inputs: tuple[Tensor | None, ...]) -> pictures.Prepared:
     """The array, arranged for rays: once for the pictures and their derivatives."""
     if "prepared" not in settings:
         settings["prepared"] = _arranged(settings, inputs)
     found: pictures.Prepared = settings["prepared"]
+    assert inputs[2] is not None
+    if len(inputs[2]) * math.prod(settings["size"]) >= MANY and (pause := _pause()) is not None:
+        # After an operation PyTorch's threads wait for the next one for milliseconds, at full load.
+        pause(SOFT)
     return found
 
 

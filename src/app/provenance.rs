@@ -24,7 +24,7 @@ pub(crate) const VDB_INPUTS: &str = "cumulo_input";
 pub(crate) const RESUMABLE: &str = "cumulo_resumable";
 
 /// Settings of a search that say how it is carried out.
-const MANNER: [&str; 3] = ["overwrite", "resume", "max_memory"];
+const MANNER: [&str; 4] = ["overwrite", "resume", "max_memory", "checkpoint"];
 
 /// Settings of a search that say where it begins, how far it goes and where it writes, whatever is searched for.
 const EXTENT: [&str; 7] = ["output", "pictures", "cameras", "report", "init", "iterations", "samples"];

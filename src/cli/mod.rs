@@ -60,6 +60,7 @@ use crate::app::viewpoint::ViewpointSettings;
 use crate::error::{Code, Error, Kind, Result};
 use crate::formats::vdb::{self, helper};
 use crate::process;
+use crate::ranks;
 use crate::wording::speak_as;
 use capture::CaptureCommand;
 use clap::error::ContextKind;
@@ -331,7 +332,10 @@ fn run(arguments: Arguments) -> Result<u8> {
         document::begin(&arguments.path);
         process::on_end(document::error);
     }
-    cancel::install()?;
+    // Processes that wait for one another end together: none stops by itself.
+    if ranks::is_alone() {
+        cancel::install()?;
+    }
     // 0 stands for all cores. Threads, libraries and the helper's name come before the limit of memory, which holds for
     // what the command does.
     let count = threads(arguments.global.threads, std::env::var_os(THREADS).as_deref())?.unwrap_or(0);

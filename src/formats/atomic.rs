@@ -7,6 +7,7 @@
 use super::protected;
 use super::temporary::{self, TemporaryFile, TemporaryFolder};
 use crate::error::{Error, Result};
+use crate::ranks;
 use std::collections::BTreeMap;
 use std::fs::{File, Metadata};
 use std::io::{ErrorKind, Write};
@@ -92,6 +93,9 @@ impl Draft {
     /// afterwards.
     pub(crate) fn commit(self) -> Result<()> {
         let Self { mut temporary, named, place } = self;
+        if !ranks::is_first() {
+            return Ok(());
+        }
         temporary.file().sync_all().map_err(|e| unwritten(&named, e))?;
         // What is there now need not be what was there at the beginning.
         standing(&named, &place)?;
@@ -209,6 +213,9 @@ impl Batch {
     /// If a file cannot be put into place, in which case all others are restored, or if a folder cannot be synced
     /// afterwards; the error names it.
     pub(crate) fn commit(mut self) -> Result<()> {
+        if !ranks::is_first() {
+            return Ok(());
+        }
         // A signal waits until all files are in their places, or none is.
         temporary::undisturbed(|| self.place_all())?;
         self.committed = true;

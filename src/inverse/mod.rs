@@ -6,11 +6,12 @@
 //! observation ──▶ pose, viewpoint                                                  cameras
 //! density, pose ──▶ refinement                                                     cameras and voxels together
 //! ```
-//! Arrows point one way, in this order: `progress`, [`observation`] (what pictures measure), [`region`] (where there
+//! Arrows point one way, in this order: `progress`, [`checkpoint`], [`observation`] (what pictures measure), [`region`] (where there
 //! are voxels), [`solver`] (of equations, whatever these are of), [`projection`] (pixels as equations of voxels),
 //! [`density`], `color`, `through_transfer`, `transfer`, [`pose`], [`viewpoint`], [`refinement`], `cost`. Each
 //! may use those before it and [`differentiate`](crate::differentiate), which knows none of them.
 
+pub mod checkpoint;
 pub mod color;
 pub mod cost;
 pub mod density;

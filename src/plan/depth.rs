@@ -49,7 +49,7 @@ fn majorants<R: Real>(field: &Bricks<R>, medium: &Medium, per_edge: usize) -> Ve
         let voxels = along(0).flat_map(move |x| along(1).flat_map(move |y| along(2).map(move |z| [x, y, z])));
         let values = voxels.map(|[x, y, z]| values[slot(x, y, z)]);
         let extremes = values.map(|v| (v, v)).reduce(|a, b| (a.0.lesser(b.0), a.1.greater(b.1)));
-        extremes.map_or(0.0, |extremes| bound_between(medium, extremes))
+        extremes.map_or(0.0, |(low, high)| bound_between(medium, [low, high]))
     };
     let of_brick = |values: &[R]| (0..per_edge.pow(3)).map(|block| of_block(values, block)).collect::<Vec<_>>();
     field.values.par_chunks(BRICK).flat_map_iter(of_brick).collect()

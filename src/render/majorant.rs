@@ -6,8 +6,8 @@
 //!
 //! Rays skip bricks whose majorant is 0.
 
-use crate::real::{Real, extremes};
-use crate::scene::bricks::{BRICK, Bricks};
+use crate::real::Real;
+use crate::scene::bricks::Bricks;
 use crate::scene::medium::{Medium, Source};
 use rayon::prelude::*;
 
@@ -22,8 +22,13 @@ pub(crate) struct Majorants {
 impl Majorants {
     /// Computes the bounds of a field in a medium whose densities are those that the field stores.
     pub(crate) fn new<R: Real>(field: &Bricks<R>, medium: &Medium) -> Self {
-        let bricks: Vec<f32> = field.values.par_chunks(BRICK).map(|values| bound(medium, values)).collect();
-        Self { bricks, empty: bound(medium, &[field.background]) }
+        Self::of_ranges(&field.ranges(), field.background, medium)
+    }
+
+    /// Computes the bounds of a field from the least and the greatest value of each brick, and its background.
+    pub(crate) fn of_ranges<R: Real>(ranges: &[[R; 2]], background: R, medium: &Medium) -> Self {
+        let bricks = ranges.par_iter().map(|range| bound_between(medium, *range)).collect();
+        Self { bricks, empty: bound_between(medium, [background; 2]) }
     }
 
     /// Returns the bound of each brick, in the order of the field's topology.
@@ -42,13 +47,8 @@ impl Majorants {
     }
 }
 
-/// Returns the greatest extinction of a medium where densities are interpolated between values; 0 without any.
-fn bound<R: Real>(medium: &Medium, values: &[R]) -> f32 {
-    extremes(values).map_or(0.0, |extremes| bound_between(medium, extremes))
-}
-
 /// Returns the greatest extinction of a medium where densities lie between two.
-pub(crate) fn bound_between<R: Real>(medium: &Medium, (low, high): (R, R)) -> f32 {
+pub(crate) fn bound_between<R: Real>(medium: &Medium, [low, high]: [R; 2]) -> f32 {
     rounded_up(match &medium.source {
         Source::Transfer(table) => medium.extinction * table.bounds(low.f64(), high.f64()).1[3],
         Source::Grey(_) | Source::Linear(_) => medium.extinction * high.f64().max(0.0),

@@ -6,6 +6,7 @@
 //! between two units.
 
 use crate::cancel::Cancel;
+use crate::ranks;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -88,9 +89,33 @@ pub(crate) fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
     begin: impl Fn(&mut P) -> T + Sync,
     work: impl Fn(&mut P, &mut T, U) + Sync,
 ) -> Vec<T> {
+    of_partitions(0..partitions.len(), partitions, cancel, units, begin, work)
+}
+
+/// As [`partitions`], of those alone that this process has among [`ranks`].
+pub(crate) fn own_partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
+    partitions: &mut [P],
+    cancel: &Cancel,
+    units: impl Fn(usize) -> I + Sync,
+    begin: impl Fn(&mut P) -> T + Sync,
+    work: impl Fn(&mut P, &mut T, U) + Sync,
+) -> Vec<T> {
+    of_partitions(ranks::own(partitions.len()), partitions, cancel, units, begin, work)
+}
+
+fn of_partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
+    some: Range<usize>,
+    partitions: &mut [P],
+    cancel: &Cancel,
+    units: impl Fn(usize) -> I + Sync,
+    begin: impl Fn(&mut P) -> T + Sync,
+    work: impl Fn(&mut P, &mut T, U) + Sync,
+) -> Vec<T> {
     // No grouping: the cost of partitions varies widely.
-    let all = partitions.par_iter_mut().enumerate().with_max_len(1);
-    all.map(|(number, partition)| {
+    let first = some.start;
+    let all = partitions[some].par_iter_mut().enumerate().with_max_len(1);
+    all.map(|(i, partition)| {
+        let number = first + i;
         let mut sum = begin(partition);
         for unit in units(number) {
             if cancel.requested() {

@@ -369,9 +369,14 @@ impl<R: Real> Bricks<R> {
 
     /// Smallest and largest stored value; the background is included, as it is the value outside.
     pub fn range(&self) -> (R, R) {
-        let outside = || (self.background, self.background);
-        let of_bricks = self.values.par_chunks(BRICK).filter_map(extremes);
-        of_bricks.reduce(outside, |a, b| (a.0.lesser(b.0), a.1.greater(b.1)))
+        let outside = (self.background, self.background);
+        self.ranges().iter().fold(outside, |found, [low, high]| (found.0.lesser(*low), found.1.greater(*high)))
+    }
+
+    /// Smallest and largest stored value of each brick.
+    pub(crate) fn ranges(&self) -> Vec<[R; 2]> {
+        let of_brick = |values: &[R]| extremes(values).map_or([R::ZERO; 2], |(low, high)| [low, high]);
+        self.values.par_chunks(BRICK).map(of_brick).collect()
     }
 
     /// Smallest and largest value of the data among the voxels that rays interpolate between: those of the domain, and

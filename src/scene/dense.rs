@@ -105,8 +105,12 @@ impl Dense {
                     let Some(j) = within(first.y + y as i32, 1) else { continue };
                     let row = (i * ny + j) * nz + from as usize;
                     let to = slot(x, y, (from - first.z) as usize);
-                    let row = out[to..to + length].iter_mut().zip(&values[row..row + length]);
-                    row.for_each(|(out, value)| *out = voxel(*value));
+                    let (out, row) = (&mut out[to..to + length], &values[row..row + length]);
+                    // Most rows are whole, and quick as such.
+                    match (out.as_chunks_mut::<EDGE>().0, row.as_chunks::<EDGE>().0) {
+                        ([out], [row]) => *out = row.map(&voxel),
+                        _ => out.iter_mut().zip(row).for_each(|(out, value)| *out = voxel(*value)),
+                    }
                 }
             }
         });

@@ -153,6 +153,27 @@ impl Table {
         (least, most)
     }
 
+    /// Returns a density that is greater by next to nothing, in the unit of the table's knots.
+    pub(crate) fn above(&self, density: f64) -> f64 {
+        let (first, last) = (self.knots[0], self.knots[self.knots.len() - 1]);
+        density + 1e-9 * (last - first).max(density.abs())
+    }
+
+    /// Returns the steepest slope over a range of densities, of the extinction and of the extinction times the color in
+    /// units of `brightest`; infinite across a step.
+    pub(crate) fn steepest(&self, low: f64, high: f64, brightest: f64) -> f64 {
+        let steep = |piece: usize| {
+            let ([from, to], [a, b]) = self.ends(piece);
+            if to <= from {
+                return if a == b { 0.0 } else { f64::INFINITY };
+            }
+            let slope = self.slope_of(piece);
+            let color = slope[..3].iter().fold(0.0, |most: f64, slope| most.max(slope.abs())) / brightest;
+            slope[3].abs().max(a[3].max(b[3]) * color)
+        };
+        (self.piece(low)..=self.piece(high)).map(steep).fold(0.0, f64::max)
+    }
+
     /// Componentwise greatest value over all densities.
     pub fn peak(&self) -> Rgbs {
         self.bounds(self.knots[0], self.knots[self.knots.len() - 1]).1

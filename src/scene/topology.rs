@@ -8,6 +8,7 @@
 use crate::error::{Error, Result};
 use crate::math::Aabb;
 use crate::scene::grid::{LEAF_VOXELS, voxel_offset};
+use bytemuck::Pod;
 use glam::IVec3;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -29,8 +30,8 @@ pub const fn slot(x: usize, y: usize, z: usize) -> usize {
 }
 
 /// Value of a voxel: a scalar, or the four numbers of a pre-shaded volume. The default is an empty voxel.
-pub trait Voxel: Copy + Default + AddAssign + Send + Sync {}
-impl<V: Copy + Default + AddAssign + Send + Sync> Voxel for V {}
+pub trait Voxel: Pod + Default + AddAssign + Send + Sync {}
+impl<V: Pod + Default + AddAssign + Send + Sync> Voxel for V {}
 
 /// The set of bricks of a field, with a table that finds them by their coordinates.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -45,6 +45,7 @@ pub fn run(folder: &Path, volume: &Path) -> Result<Outcome> {
         init: None,
         max_memory: Limits::default().max_memory,
         cancel: Cancel::NEVER,
+        checkpoint: None,
         closing: Cancel::NEVER,
     };
     let outcome = multilevel::reconstruct(&observation, &request, |_| ControlFlow::Continue(()))?;

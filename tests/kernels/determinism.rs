@@ -192,6 +192,7 @@ fn request(field: &Bricks<f32>, observation: &Observation) -> Request {
         init: None,
         max_memory: 1 << 30,
         cancel: Cancel::NEVER,
+        checkpoint: None,
         closing: Cancel::NEVER,
     }
 }

@@ -85,3 +85,8 @@ def function(kind, parameters=None):
     """A transfer function of a kind, of tensors."""
     values = torch.tensor(FUNCTIONS[kind], dtype=torch.float64) if parameters is None else parameters
     return kind(values)
+
+
+def apart(found, expected):
+    """Norm of the difference, relative to the expected one's."""
+    return float((found.double() - expected.double()).norm() / expected.double().norm())

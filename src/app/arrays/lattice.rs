@@ -78,6 +78,7 @@ macro_rules! values {
     ($($real:ty, $four:ty);*) => {
         $(impl Value for $real {
             type Voxel = $real;
+            #[inline(always)]
             fn voxel(self) -> $real {
                 self
             }
@@ -87,6 +88,7 @@ macro_rules! values {
             fn all_of(voxels: Vec<$real>) -> Vec<Self> {
                 voxels
             }
+            #[inline(always)]
             fn fault(self, through_function: bool) -> Option<&'static str> {
                 match self {
                     v if !v.is_finite() => Some(NOT_FINITE),
@@ -104,6 +106,7 @@ macro_rules! values {
 
         impl Value for [$real; 4] {
             type Voxel = $four;
+            #[inline(always)]
             fn voxel(self) -> $four {
                 <$four>::from_array(self)
             }
@@ -113,6 +116,7 @@ macro_rules! values {
             fn all_of(voxels: Vec<$four>) -> Vec<Self> {
                 voxels.into_iter().map(Self::of).collect()
             }
+            #[inline(always)]
             fn fault(self, _: bool) -> Option<&'static str> {
                 match self {
                     v if v.iter().any(|v| !v.is_finite()) => Some(NOT_FINITE),

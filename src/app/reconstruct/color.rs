@@ -169,6 +169,7 @@ impl ColorSettings {
             init: None,
             max_memory: task.limits.max_memory,
             cancel: task.stop(),
+            checkpoint: None,
             closing: task.closing(),
         }
     }

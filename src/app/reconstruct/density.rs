@@ -21,6 +21,7 @@ use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer;
 use crate::formats::vdb::{Codec, File, write_grids};
+use crate::inverse::checkpoint::Checkpoint;
 use crate::inverse::cost::{Cost, Method};
 use crate::inverse::density::{Outcome, Request};
 use crate::inverse::density::{multilevel, weiss2021};
@@ -38,6 +39,7 @@ use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Settings of a reconstruction of densities.
 ///
@@ -106,6 +108,9 @@ pub struct DensitySettings {
     pub report: Option<PathBuf>,
     /// Whether to go on from the output, if an earlier run of the same settings has left it.
     pub resume: bool,
+    /// Seconds between checkpoints: the densities so far, written to the output, from which a run goes on that is to
+    /// [resume](Self::resume); none writes the result alone.
+    pub checkpoint: Option<f64>,
     /// Memory that the work may take.
     #[serde(flatten)]
     pub limits: Limits,
@@ -130,6 +135,7 @@ impl Default for DensitySettings {
             grid: "density".into(),
             report: None,
             resume: false,
+            checkpoint: None,
             limits: Limits::default(),
         }
     }
@@ -246,6 +252,10 @@ impl DensitySettings {
         let input = self.input(task.limits)?;
         let solver = self.solver(&input.capture)?;
         let cameras = self.refinement.output(&self.output, self.report.as_deref(), &input.capture)?;
+        if let (Some(_), Some(_)) = (self.checkpoint, &cameras) {
+            return Err(Error::unsupported("⟨checkpoint⟩ keeps densities, and not the cameras of ⟨refine_cameras⟩")
+                .hint("refine the cameras first, with few ⟨iterations⟩, and reconstruct from the capture that this writes"));
+        }
         let views = input.capture.frames.len();
         let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
 
@@ -287,7 +297,7 @@ impl DensitySettings {
         let finest = history.iter().filter(|step| step.level == 0).count();
         let settled = solver == DensitySolver::Cg && finest >= SETTLED;
         let mut solved = Solved { history, train_psnr_db, held_out_psnr_db, unknowns, stopped };
-        let mut grid = field.to_grid(&self.grid);
+        let grid = field.to_grid(&self.grid);
         let fit = Fit { excerpts: &excerpts, request: &request, train_psnr_db };
         let confidence = work.confidence(&mut solved, |tick| {
             let (grids, mut warnings) = confidence::of_densities(&field, &self.grid, fit, tick)?;
@@ -296,9 +306,7 @@ impl DensitySettings {
         })?;
         drop(field);
 
-        if let Some(transfer) = transfer_of(&work.input.capture) {
-            grid.metadata.insert(transfer::METADATA_KEY.into(), transfer::to_metadata(&transfer.clone().into()));
-        }
+        let grid = through(grid, transfer_of(&work.input.capture));
         let grids: Vec<&Grid> = std::iter::once(&grid).chain(&confidence).collect();
         work.write(|metadata| write_grids(&self.output, &grids, metadata, Codec::default(), false))?;
         let voxel_size = grid.transform.voxel_size().to_array();
@@ -361,8 +369,23 @@ impl DensitySettings {
             iterations: self.iterations.unwrap_or(solver.usual_iterations(observation.noisy())),
             init,
             max_memory: task.limits.max_memory,
+            checkpoint: self.checkpoint.map(|seconds| self.checkpoint(seconds, task, capture)),
             cancel: task.stop(),
             closing: task.closing(),
+        })
+    }
+
+    /// Returns what writes the densities so far to the output, each time after so many seconds.
+    fn checkpoint(&self, seconds: f64, task: &Task, capture: &Capture) -> Checkpoint {
+        let (output, name, context) = (self.output.clone(), self.grid.clone(), task.context.clone());
+        let (mut provenance, transfer) = (task.provenance.clone(), transfer_of(capture).cloned());
+        provenance.lap();
+        let metadata = provenance.metadata();
+        Checkpoint::new(Duration::from_secs_f64(seconds.min(MOST_SECONDS)), move |field| {
+            let grid = through(field.to_grid(&name), transfer.as_ref());
+            if let Err(error) = write_grids(&output, &[&grid], &metadata, Codec::default(), false) {
+                context.note(format!("no checkpoint is written: {error}"));
+            }
         })
     }
 
@@ -400,6 +423,16 @@ fn transfer_of(capture: &Capture) -> Option<&Transfer> {
     capture.transfer.as_ref().filter(|_| capture.model == Model::EmissionAbsorption)
 }
 
+/// Returns a grid with the transfer function of its pictures.
+fn through(mut grid: Grid, transfer: Option<&Transfer>) -> Grid {
+    if let Some(transfer) = transfer {
+        grid.metadata.insert(transfer::METADATA_KEY.into(), transfer::to_metadata(&transfer.clone().into()));
+    }
+    grid
+}
+
+/// Longest time between checkpoints, in seconds: years.
+const MOST_SECONDS: f64 = 1e9;
 /// Iterations on the finest level from which on a volume suits its cameras, if they suit one another.
 const SETTLED: usize = 8;
 

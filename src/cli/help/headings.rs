@@ -37,6 +37,7 @@ const TABLE: [(&str, &[&str]); 12] = [
             "output",
             "overwrite",
             "resume",
+            "checkpoint",
             "report",
             "sheet",
             "heatmap",

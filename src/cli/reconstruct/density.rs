@@ -5,6 +5,7 @@ use crate::app::reconstruct::{DensitySettings, RefinementSettings, RegionSetting
 use crate::app::transfer::TransferSettings;
 use crate::cli::args::read_as;
 use crate::cli::memory::Memory;
+use crate::cli::parse;
 use crate::differentiate::loss::prior::{VolumePrior, Weighted};
 use std::path::PathBuf;
 
@@ -62,6 +63,10 @@ struct DensityArgs {
     /// Go on from the output, if the same command has left one, however far it went
     #[arg(long, conflicts_with = "init")]
     resume: bool,
+    /// Write what is there to the output every D, such as 10m, from which --resume goes on should the work end before
+    /// its time
+    #[arg(long, value_name = "D", value_parser = parse::duration)]
+    checkpoint: Option<f64>,
     #[command(flatten)]
     memory: Memory,
 }
@@ -85,6 +90,7 @@ impl From<DensityArgs> for DensitySettings {
             grid: args.grid,
             report: args.report,
             resume: args.resume,
+            checkpoint: args.checkpoint,
             limits: args.memory.limits(),
         }
     }

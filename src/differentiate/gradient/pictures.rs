@@ -3,6 +3,7 @@
 
 use crate::cancel::Cancel;
 use crate::differentiate::gradient::partition::{MOST_PARTITIONS, Partitions, Parts, Tile, bricks_crossed, partitions};
+use crate::ranks;
 use crate::render::composited::{self, Composited};
 use crate::render::differentiable::Differentiable;
 use crate::render::differentiable::{self, Adjoint, ParameterGradient, RayGradient};
@@ -13,7 +14,6 @@ use crate::render::tiles;
 use crate::scene::bricks::{BRICK, Bricks, Voxel};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
-use rayon::prelude::*;
 
 /// A camera and its target picture.
 #[derive(Debug, Clone)]
@@ -62,12 +62,28 @@ struct Partition<V, T> {
     tape: T,
 }
 
+impl Sums {
+    /// Returns all numbers.
+    fn numbers(&mut self) -> Vec<&mut f64> {
+        let Self { table, cameras, step, shared, loss } = self;
+        let table = table.iter_mut();
+        let table = table.flat_map(|t| t.pieces.iter_mut().flatten().flatten().chain(&mut t.steps));
+        let cameras = cameras.iter_mut().flatten();
+        let cameras = cameras.flat_map(|CameraGradient { position, rotation, focal, centre }| {
+            let (position, rotation): (&mut [f64; 3], &mut [f64; 3]) = (position.as_mut(), rotation.as_mut());
+            let (focal, centre): (&mut [f64; 2], &mut [f64; 2]) = (focal.as_mut(), centre.as_mut());
+            position.iter_mut().chain(rotation).chain(focal).chain(centre)
+        });
+        let shared = [&mut shared.extinction].into_iter().chain(&mut shared.color).chain(&mut shared.background);
+        table.chain(cameras).chain(shared).chain([step, loss]).collect()
+    }
+}
+
 /// Number of a partition, its voxel gradient if requested, and its tape.
 type Work<'l, I> = (usize, Option<&'l mut [<I as Differentiable>::Voxel]>, &'l mut <I as EmissionAbsorption>::Scratch);
 
-/// Sums of one partition.
-struct Sums<'v, V> {
-    voxels: Option<&'v mut [V]>,
+/// Sums of one partition, but for its voxels'.
+struct Sums {
     table: Option<TableGradient>,
     cameras: Option<Vec<CameraGradient>>,
     step: f64,
@@ -92,20 +108,21 @@ pub fn gradient<I: Differentiable<Real = f32>>(
     let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
     let parts = Parts::new(field, &lookups, &views, count, voxels.is_some());
     let mut own: Vec<Work<'_, I>> = accumulators.divided(count, voxels.as_deref_mut());
-    let sums: Vec<Sums<'_, I::Voxel>> = tiles::partitions(
+    let (knots, views) = (table.as_ref().map(|t| t.steps.len()), cameras.as_ref().map(|c| c.len()));
+    let zero = || Sums {
+        table: knots.map(TableGradient::of_knots),
+        cameras: views.map(|views| vec![CameraGradient::default(); views]),
+        step: 0.0,
+        shared: ParameterGradient::default(),
+        loss: 0.0,
+    };
+    let sums: Vec<Sums> = tiles::own_partitions(
         &mut own,
         cancel,
         |number| parts.tiles[number].iter(),
-        |(_, voxels, _)| Sums {
-            voxels: voxels.take(),
-            table: table.as_ref().map(|t| TableGradient::of_knots(t.steps.len())),
-            cameras: cameras.as_ref().map(|c| vec![CameraGradient::default(); c.len()]),
-            step: 0.0,
-            shared: ParameterGradient::default(),
-            loss: 0.0,
-        },
-        |(number, _, tape), sums, Tile { picture, number: tile, new }| {
-            if let Some(voxels) = &mut sums.voxels {
+        |_| zero(),
+        |(number, voxels, tape), sums, Tile { picture, number: tile, new }| {
+            if let Some(voxels) = voxels {
                 new.iter().for_each(|brick| approach(&mut voxels[*brick as usize * BRICK..][..BRICK], *number > 0));
             }
             Run {
@@ -115,6 +132,7 @@ pub fn gradient<I: Differentiable<Real = f32>>(
                 tiles: &parts.pictures[*picture],
                 loss,
                 adjoint,
+                voxels: voxels.as_deref_mut(),
                 sums,
                 tape,
             }
@@ -122,8 +140,7 @@ pub fn gradient<I: Differentiable<Real = f32>>(
         },
     );
     let (mut loss, mut shared) = (0.0, ParameterGradient::default());
-    let mut voxels = Vec::new();
-    for own in sums {
+    for own in ranks::gathered(sums, count, zero, Sums::numbers) {
         if let (Some(total), Some(own)) = (table.as_deref_mut(), &own.table) {
             total.add(own);
         }
@@ -134,9 +151,8 @@ pub fn gradient<I: Differentiable<Real = f32>>(
             *total += own.step;
         }
         (loss, shared) = (loss + own.loss, shared.plus(&own.shared));
-        voxels.extend(own.voxels);
     }
-    merge(&mut voxels, &parts.crossed_by);
+    merge(own.iter_mut().filter_map(|(_, voxels, _)| voxels.as_deref_mut()), &parts.crossed_by);
     (loss, shared)
 }
 
@@ -183,11 +199,14 @@ impl<V: Voxel, T: Default> Workspace<V, T> {
 
 /// Adds the voxel gradients of all partitions to that of the first, in their order; `crossed_by` tells of each brick
 /// which partitions have rays through it.
-fn merge<V: Voxel>(voxels: &mut [&mut [V]], crossed_by: &[Partitions]) {
-    let Some((total, others)) = voxels.split_first_mut() else { return };
-    total.par_chunks_mut(BRICK).zip(crossed_by).enumerate().for_each(|(i, (total, crossed_by))| {
-        for (_, own) in others.iter().enumerate().filter(|(partition, _)| crossed_by & 2 << partition != 0) {
-            for (t, v) in total.iter_mut().zip(&own[i * BRICK..]) {
+fn merge<'v, V: Voxel>(mut voxels: impl Iterator<Item = &'v mut [V]>, crossed_by: &[Partitions]) {
+    let Some(total) = voxels.next() else { return };
+    let others: Vec<&[V]> = voxels.map(|own| &*own).collect();
+    let own = ranks::own(others.len() + 1);
+    let others: Vec<(usize, &[V])> = (1..).zip(others).filter(|(number, _)| own.contains(number)).collect();
+    ranks::added(total, BRICK, |brick, total| {
+        for (_, own) in others.iter().filter(|(number, _)| crossed_by[brick] & 1 << number != 0) {
+            for (t, v) in total.iter_mut().zip(&own[brick * BRICK..]) {
                 *t += *v;
             }
         }
@@ -215,7 +234,8 @@ struct Run<'a, 'v, I: Differentiable> {
     tiles: &'a Tiles,
     loss: PixelLoss<'a>,
     adjoint: Adjoint,
-    sums: &'a mut Sums<'v, I::Voxel>,
+    voxels: Option<&'v mut [I::Voxel]>,
+    sums: &'a mut Sums,
     tape: &'a mut I::Scratch,
 }
 
@@ -226,7 +246,7 @@ impl<I: Differentiable<Real = f32>> Run<'_, '_, I> {
         let own = &mut *self.sums;
         let with_camera = own.cameras.is_some();
         let to = differentiable::Accumulators {
-            voxels: own.voxels.as_deref_mut(),
+            voxels: self.voxels.as_deref_mut(),
             table: own.table.as_mut(),
             ray: with_camera.then_some(&mut ray_gradient),
             shared: &mut own.shared,

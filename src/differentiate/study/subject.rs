@@ -57,7 +57,7 @@ fn is_double<R: Real>() -> bool {
 }
 
 fn medium<'f, R: Directions<1>>(field: &'f Bricks<R>, setting: &Setting) -> Result<Composited<Dvr<'f, R>>> {
-    let dvr = Dvr::new(field, setting.medium()?)?.quadrature(setting.quadrature);
+    let dvr = Dvr::new(field, setting.medium()?)?.by_voxels().quadrature(setting.quadrature);
     let dvr = if is_double::<R>() { dvr.early_stop(0.0).tolerance(1e-11) } else { dvr };
     Ok(dvr.over(setting.background))
 }

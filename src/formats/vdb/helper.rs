@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 /// Subcommand that the helper program understands: `try-grid BYTES`, with the most bytes of memory. It reads a file
 /// from standard input and calls [`try_grid`](super::try_grid). On failure it describes the error on standard error and
 /// exits with a code other than 0.
-pub(crate) const SUBCOMMAND: &str = "try-grid";
+pub const SUBCOMMAND: &str = "try-grid";
 
 /// Longest time that a trial in the helper process may take.
 const PATIENCE: Duration = Duration::from_secs(120);

@@ -192,6 +192,13 @@ impl Fit {
         fit
     }
 
+    /// Hands out the densities so far, if the request asks for them.
+    pub(crate) fn offer(&self, request: &Request) {
+        if let Some(checkpoint) = &request.checkpoint {
+            checkpoint.offer(|| self.field.clone());
+        }
+    }
+
     /// Returns the number of unknown voxels.
     pub(crate) fn unknowns(&self) -> usize {
         self.mask.iter().filter(|m| **m > 0.0).count()

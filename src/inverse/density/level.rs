@@ -6,6 +6,7 @@
 //! weight is the start of the next (continuation), so that what the pictures do not tell stays as smooth as it was.
 
 use crate::error::{Error, Result};
+use crate::inverse::checkpoint::Checkpoint;
 use crate::inverse::density::Request;
 use crate::inverse::density::held_out::Prediction;
 use crate::inverse::observation::Observation;
@@ -60,6 +61,7 @@ pub(super) struct Level {
     finest: bool,
     /// True if the number of blur passes is to be chosen.
     explore: bool,
+    checkpoint: Option<Checkpoint>,
 }
 
 /// A voxel's own part of the penalty: two neighbours along each axis.
@@ -121,6 +123,7 @@ impl Level {
             robust: request.robust,
             finest: level == 0,
             explore: request.smoothing.is_none(),
+            checkpoint: request.checkpoint.clone(),
             penalty: (observation.noisy() && request.smoothing.is_none()).then_some(if request.init.is_some() {
                 WEIGHT_FROM_START
             } else {
@@ -209,6 +212,7 @@ impl Level {
             let solution = solver.solution();
             let prediction = Prediction::new(solver.equations.equations.projector, &solution, validation);
             let Some(now) = prediction.filter(|_| !solver.equations.cancelled()) else { break };
+            offer(&self.checkpoint, (&self.topology, &self.lattice), &solution);
             stopped = watch(solver.loss(), (!self.held_out.is_empty()).then_some(now.psnr_db)).is_break();
             if stopped || ends {
                 let fitted = self.held_out.is_empty() && now.square <= now.noise;
@@ -262,6 +266,7 @@ impl Level {
             if solver.equations.cancelled() {
                 break;
             }
+            offer(&self.checkpoint, (&self.topology, &self.lattice), &solution);
             stopped = watch(solver.loss(), prediction.map(|p| p.psnr_db)).is_break();
             if let Some(now) = prediction.map(|p| p.score_db) {
                 trail.push(now);
@@ -296,9 +301,22 @@ impl Level {
     }
 
     pub(crate) fn field(self, voxels: Vec<f32>) -> (Bricks<f32>, usize) {
-        let mut field = Bricks::zeros(self.topology.clone(), self.lattice);
-        self.topology.fill_apron(&voxels, &mut field.values);
+        let field = field((&self.topology, &self.lattice), &voxels);
         (field, self.unknown.iter().filter(|u| **u).count())
+    }
+}
+
+/// Returns the densities of all voxels, 512 a brick, as a field.
+fn field((topology, lattice): (&Arc<Topology>, &Affine), voxels: &[f32]) -> Bricks<f32> {
+    let mut field = Bricks::zeros(topology.clone(), *lattice);
+    topology.fill_apron(voxels, &mut field.values);
+    field
+}
+
+/// Hands out the densities so far.
+fn offer(checkpoint: &Option<Checkpoint>, lattice: (&Arc<Topology>, &Affine), voxels: &[f32]) {
+    if let Some(checkpoint) = checkpoint {
+        checkpoint.offer(|| field(lattice, voxels));
     }
 }
 

@@ -10,6 +10,7 @@ pub mod weiss2021;
 
 use crate::cancel::Cancel;
 use crate::differentiate::loss::prior::{VolumePrior, Weighted};
+use crate::inverse::checkpoint::Checkpoint;
 use crate::inverse::progress::{Stage, Step};
 use crate::math::{Aabb, Affine};
 use crate::scene::bricks::Bricks;
@@ -44,6 +45,8 @@ pub struct Request {
     pub max_memory: u64,
     /// Polled inside every pass; once set, the reconstruction so far is the result.
     pub cancel: Cancel,
+    /// Receives the densities so far; `None` hands out the result alone.
+    pub checkpoint: Option<Checkpoint>,
     /// Polled by the passes that only measure the result; a measurement that it stops is missing.
     pub closing: Cancel,
 }

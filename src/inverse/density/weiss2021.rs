@@ -117,6 +117,7 @@ fn descend(
                 return Ok(());
             }
             progress.step(level, loss, held_out_psnr_db);
+            fit.offer(request);
             if progress.stopped {
                 return Ok(());
             }

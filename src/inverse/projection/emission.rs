@@ -9,12 +9,13 @@ use crate::cancel::Cancel;
 use crate::differentiate::gradient::partition::{bricks_crossed, partitions};
 use crate::inverse::observation::depth_map::stride_within;
 use crate::inverse::observation::photo::Photo;
+use crate::inverse::projection::projector::{add_partitions, in_all};
 use crate::inverse::solver::conjugate::Equations;
 use crate::render::composited::Composited;
 use crate::render::order::morton;
 use crate::render::preshaded::{Preshaded, Tape};
 use crate::render::tiles;
-use crate::scene::bricks::{BRICK, Bricks, CELLS};
+use crate::scene::bricks::{Bricks, CELLS};
 use crate::scene::camera::Camera;
 use glam::Vec4;
 use rayon::prelude::*;
@@ -163,7 +164,7 @@ impl<'a> Emission<'a> {
             views.iter().flat_map(|v| v.pixels.chunks(RUN).map(|p| (&v.camera, p))).collect();
         let (count, offsets, arch, cancel) =
             (self.partitions.len(), &self.offsets, Arch::default(), self.cancel.clone());
-        let sums = tiles::partitions(
+        let sums = tiles::own_partitions(
             &mut self.partitions,
             &cancel,
             |number| tiles::dealt(&runs, number, count),
@@ -180,17 +181,12 @@ impl<'a> Emission<'a> {
                 *sums = [sums[0] + add[0], sums[1] + add[1]];
             },
         );
-        sums.into_iter().fold([0.0; 2], |a, (b, _)| [a[0] + b[0], a[1] + b[1]])
+        in_all(sums.into_iter().map(|(sums, _)| sums).collect(), count)
     }
 
     /// The sum of all partitions by unknown.
     fn collect(&mut self, out: &mut [f32]) {
-        let (first, rest) = self.partitions.split_at_mut(1);
-        first[0].par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
-            for partition in rest.iter() {
-                total.iter_mut().zip(&partition[i * BRICK..]).for_each(|(t, v)| *t += *v);
-            }
-        });
+        add_partitions(&mut self.partitions);
         self.field.topology.gather_apron(&self.partitions[0], &mut self.owned);
         let n = self.owned.len();
         for (c, out) in out.chunks_mut(n).enumerate() {

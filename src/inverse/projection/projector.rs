@@ -9,6 +9,7 @@ use crate::cancel::Cancel;
 use crate::differentiate::gradient::partition::partitions;
 use crate::inverse::observation::depth_map::DepthMap;
 use crate::math::Affine;
+use crate::ranks;
 use crate::render::dvr::{Dvr, Tape};
 use crate::render::order::morton;
 use crate::render::tiles;
@@ -16,7 +17,7 @@ use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::camera::Camera;
 use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::medium::Medium;
-use rayon::prelude::*;
+use crate::scene::topology::Voxel;
 use std::sync::Arc;
 
 /// One measured pixel.
@@ -148,14 +149,7 @@ impl Projector {
         if self.cancel.requested() {
             return sums;
         }
-        let (first, rest) = self.partitions.split_at_mut(1);
-        first[0].par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
-            for partition in rest.iter() {
-                for (t, v) in total.iter_mut().zip(&partition[i * BRICK..]) {
-                    *t += v;
-                }
-            }
-        });
+        add_partitions(&mut self.partitions);
         self.topology.gather_apron(&self.partitions[0], out);
         sums
     }
@@ -208,7 +202,7 @@ impl Projector {
             views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();
         let (count, offsets) = (self.partitions.len(), &self.offsets);
         let (arch, cancel) = (Arch::default(), self.cancel.clone());
-        let sums = tiles::partitions(
+        let sums = tiles::own_partitions(
             &mut self.partitions,
             &cancel,
             |number| tiles::dealt(&runs, number, count),
@@ -233,8 +227,27 @@ impl Projector {
                 *sums = [sums[0] + add[0], sums[1] + add[1]];
             },
         );
-        sums.into_iter().fold([0.0; 2], |a, (b, ..)| [a[0] + b[0], a[1] + b[1]])
+        in_all(sums.into_iter().map(|(sums, ..)| sums).collect(), count)
     }
+}
+
+/// Adds the partitions of all processes to the first one, in their order.
+pub(super) fn add_partitions<V: Voxel>(partitions: &mut [Vec<V>]) {
+    let own = ranks::own(partitions.len());
+    let Some((total, rest)) = partitions.split_first_mut() else { return };
+    // The first one is where the others are added.
+    let others = &rest[own.start.max(1) - 1..own.end.max(1) - 1];
+    ranks::added(total, BRICK, |brick, total| {
+        for partition in others {
+            total.iter_mut().zip(&partition[brick * BRICK..]).for_each(|(t, v)| *t += *v);
+        }
+    });
+}
+
+/// Adds two sums over all partitions, of which there are `count`, from those of this process's.
+pub(super) fn in_all(own: Vec<[f64; 2]>, count: usize) -> [f64; 2] {
+    let all = ranks::gathered(own, count, || [0.0; 2], |sums| sums.iter_mut().collect());
+    all.into_iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]])
 }
 
 /// Transmittance of a pixel: the mean of those along its rays, whose optical depths are given.

@@ -152,6 +152,7 @@ fn descend(
                 break;
             }
             progress.step(0, loss, (last && !views.held_out.is_empty()).then_some(psnr));
+            fit.offer(request);
             if progress.stopped {
                 break;
             }

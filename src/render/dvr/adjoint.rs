@@ -72,7 +72,9 @@ impl<R: Precision> Dvr<'_, R> {
                 pass.recursion((loss, adjoint), self.exact_source(compiled, false), compiled, scratch)
             }
             CompiledMedium::Table(compiled, _) => {
-                let rule = self.exact_source(compiled, pass.to.table.is_some());
+                // Where it is clear, light depends on the function, and on densities that make it less so.
+                let clear = pass.to.table.is_some() || self.by_voxels && pass.to.voxels.is_some();
+                let rule = self.exact_source(compiled, clear);
                 pass.recursion((loss, adjoint), rule, compiled, scratch)
             }
         }

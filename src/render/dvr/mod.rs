@@ -40,7 +40,7 @@ use crate::render::compositing;
 use crate::render::curve::{Curve, Piece};
 use crate::render::differentiable::{Accumulators, Adjoint, Differentiable, Forward, Loss, Seeds, TangentRadiance};
 use crate::render::emission_absorption::{EmissionAbsorption, Radiance};
-use crate::render::majorant::Majorants;
+use crate::render::majorant::{Majorants, bound_between};
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Quadrature;
 use crate::render::quadrature::{ExactDepth, ExactSource, Uniform};
@@ -281,6 +281,10 @@ pub struct Dvr<'a, R: Real> {
     /// Bricks that rays visit: with a transfer function those that hold a density at which the medium absorbs, else
     /// all.
     visible: Arc<Topology>,
+    /// True if derivatives with respect to voxels are wanted of all voxels on which the light depends.
+    by_voxels: bool,
+    /// Least and greatest value of each brick.
+    ranges: OnceLock<Arc<[[R; 2]]>>,
     majorants: OnceLock<Majorants>,
     quadrature: Quadrature,
     /// Optical depth at which a ray ends; 0 transmittance gives infinity.
@@ -332,6 +336,8 @@ impl<'a, R: Real> Dvr<'a, R> {
             field,
             compiled: CompiledMedium::new(&medium),
             visible: field.topology.clone(),
+            by_voxels: false,
+            ranges: OnceLock::new(),
             majorants: OnceLock::new(),
             medium,
             quadrature: Quadrature::Exact,
@@ -350,12 +356,33 @@ impl<'a, R: Real> Dvr<'a, R> {
     }
 
     /// Skips bricks in which nothing absorbs, for fields that have many. Derivatives with respect to voxels of such
-    /// bricks are left out.
+    /// bricks are left out, unless [`Dvr::by_voxels`] was called.
     #[must_use]
     pub fn skipping_empty(mut self) -> Self {
-        let bounds = self.majorants().bricks();
-        self.visible = Arc::new(self.field.topology.masked(|brick| bounds[brick] > 0.0));
+        self.visible = Arc::new(match (&self.medium.source, self.by_voxels) {
+            (Source::Transfer(table), true) => {
+                let depends =
+                    |[low, high]: [R; 2]| bound_between(&self.medium, [low.f64(), table.above(high.f64())]) > 0.0;
+                let ranges = self.ranges();
+                self.field.topology.masked(|brick| depends(ranges[brick]))
+            }
+            _ => {
+                let bounds = self.majorants().bricks();
+                self.field.topology.masked(|brick| bounds[brick] > 0.0)
+            }
+        });
         self
+    }
+
+    /// Makes derivatives with respect to voxels whole: also clear voxels have theirs where a greater density would
+    /// absorb, and quadrature with few nodes has no larger gaps between them than voxels. Rays visit more bricks.
+    ///
+    /// Where a transfer function has a kink at the very value of a voxel, the derivative is that for greater values.
+    #[must_use]
+    pub fn by_voxels(mut self) -> Self {
+        self.by_voxels = true;
+        let quadrature = self.quadrature;
+        self.skipping().quadrature(quadrature)
     }
 
     /// Composites the medium over a constant background.
@@ -373,7 +400,9 @@ impl<'a, R: Real> Dvr<'a, R> {
             *tables = match quadrature {
                 Quadrature::Preintegrated(tolerance) => {
                     let medium = (table.as_ref(), self.medium.extinction);
-                    Some(Arc::new(Preintegrated::new(medium, tolerance, &compiled.curve, self.field, &self.visible)))
+                    let ranges = self.ranges.get_or_init(|| self.field.ranges().into());
+                    let bricks = (self.field, &**ranges, &*self.visible, self.by_voxels);
+                    Some(Arc::new(Preintegrated::new(medium, tolerance, &compiled.curve, bricks)))
                 }
                 _ => None,
             };
@@ -434,7 +463,12 @@ impl<'a, R: Real> Dvr<'a, R> {
 
     /// Returns upper bounds of the extinction, computed on first use.
     pub(crate) fn majorants(&self) -> &Majorants {
-        self.majorants.get_or_init(|| Majorants::new(self.field, &self.medium))
+        self.majorants.get_or_init(|| Majorants::of_ranges(self.ranges(), self.field.background, &self.medium))
+    }
+
+    /// Returns the least and the greatest value of each brick, computed on first use.
+    fn ranges(&self) -> &[[R; 2]] {
+        self.ranges.get_or_init(|| self.field.ranges().into())
     }
 
     /// Returns the bricks that rays visit.

@@ -96,7 +96,10 @@ impl<R: Precision> Dvr<'_, R> {
         let topology = if all { &self.field.topology } else { &self.visible };
         let front = Front::new(self, ray, compiled, seeds);
         match self.uniform(ray) {
-            None => follow(front, self.exact_source(compiled, all), topology, (chords, chord_entries)),
+            None => {
+                let clear = all || self.by_voxels && seeds.voxels.iter().any(Option::is_some);
+                follow(front, self.exact_source(compiled, clear), topology, (chords, chord_entries))
+            }
             Some(rule) => follow(front, rule, topology, (samples, sample_entries)),
         }
     }
