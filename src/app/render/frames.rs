@@ -37,6 +37,7 @@ use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Report of the frames of a sequence.
@@ -180,6 +181,7 @@ impl RenderSettings {
             visibility: Visibility::default(),
             remarks: BTreeSet::new(),
             cancel: context.cancel(),
+            refused: None,
             deadline: Deadline::new(begun, &self.accuracy, numbers.len()),
         };
         Ok((sequence, frames))
@@ -242,7 +244,8 @@ impl Sequence<'_> {
             };
             Ok((place, earlier, made))
         };
-        let results = FrameLoop::pictures(&numbers, "render", context).telling().in_order(work)?;
+        let results = FrameLoop::pictures(&numbers, "render", context).telling().in_order(work);
+        let results = results.map_err(|error| self.refused.take().unwrap_or(error))?;
         let (done, failed) = parted(results);
         let mut outcome = Outcome { failed, ..Outcome::default() };
         for (number, (place, earlier, made)) in done {
@@ -384,9 +387,9 @@ impl Sequence<'_> {
         let turn = self.deadline.next();
         let shot = match self.shot.take() {
             Some(shot) if !shot.moving => shot,
-            _ => self.shot(place, number, context)?,
+            _ => Arc::new(self.shot(place, number, context)?),
         };
-        let shot = self.shot.insert(shot);
+        let shot = Arc::clone(self.shot.insert(shot));
         let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
         let (plan, scene) = (shot.plan.as_ref(), (&shot.scene, shot.paths));
         let renderer = self.render.renderer(&self.pictures, plan, scene, &[*camera], &self.cancel)?;
@@ -409,9 +412,9 @@ impl Sequence<'_> {
         let mut attributes = pictured.attributes(self.render, &renderer, (&film, error.as_ref()));
         attributes.insert("cumulo:frame".into(), number.to_string());
         let whole = self.pictures.whole(self.target, self.template.as_ref().and_then(|c| c.frames.first()));
-        pictured.write(self.render, &self.render.files_of(path), (&film, attributes), whole)?;
+        self.refused = self.place(path, |files| pictured.write(self.render, files, (&film, attributes), whole))?;
         // A frame that was stopped is there to go on from, and the last.
-        match error.as_ref().is_some_and(PictureError::is_stopped) {
+        match self.refused.is_some() || error.as_ref().is_some_and(PictureError::is_stopped) {
             true => Err(Error::cancelled()),
             false => Ok((counts, error)),
         }

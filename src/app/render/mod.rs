@@ -5,6 +5,7 @@ mod begun;
 mod denoised;
 mod folder;
 mod frames;
+mod joined;
 mod merge;
 mod sequence;
 mod straight;
@@ -126,7 +127,10 @@ impl Default for RenderSettings {
 }
 
 /// Settings on which pictures do not depend, or which choose some of them.
-const MANNER: [&str; 4] = ["overwrite", "frames", "resume", "max_memory"];
+const MANNER: [&str; 5] = ["output", "overwrite", "frames", "resume", "max_memory"];
+
+/// Those of views in a folder, of which some are chosen by their numbers.
+const MANNER_OF_VIEWS: [&str; 6] = ["output", "overwrite", "frames", "resume", "max_memory", "view"];
 
 /// Report of views, or of the frames of a sequence.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
@@ -200,7 +204,9 @@ impl RenderSettings {
         let ScatteringSettings { samples, seed, .. } = &mut settings.pictures.scattering;
         samples.get_or_insert(self.pictures.scattering.samples());
         seed.get_or_insert(0);
-        Provenance::begin(context).of("render", &settings, &MANNER)
+        let in_folder = || matches!(Target::of(&self.output), Ok(Target::Folder(_)));
+        let manner = if !self.is_sequence() && in_folder() { &MANNER_OF_VIEWS[..] } else { &MANNER };
+        Provenance::begin(context).of("render", &settings, manner)
     }
 
     /// Refuses an exposure that no picture would have.
