@@ -15,6 +15,7 @@ mod flags;
 mod gradient;
 mod help;
 mod info;
+mod job;
 mod log;
 mod man;
 mod memory;
@@ -64,6 +65,7 @@ use crate::wording::speak_as;
 use capture::CaptureCommand;
 use clap::error::ContextKind;
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
+use job::OrJob;
 use output::Output;
 use reconstruct::Reconstruct;
 use run::Run;
@@ -118,12 +120,12 @@ enum Command {
     Plan(PlanSettings),
     Validate(ValidateSettings),
     Convert(Box<ConvertSettings>),
-    Denoise(DenoiseSettings),
+    Denoise(OrJob<DenoiseSettings>),
     Diff(DiffSettings),
     Figure(Box<FigureSettings>),
     Pose(PoseSettings),
     Gradient(GradientSettings),
-    Render(RenderSettings),
+    Render(OrJob<RenderSettings>),
     #[command(subcommand)]
     Reconstruct(Reconstruct),
     Report(PageSettings),

@@ -5,6 +5,7 @@ mod begun;
 mod denoised;
 mod folder;
 mod frames;
+mod job;
 mod joined;
 mod merge;
 mod sequence;
