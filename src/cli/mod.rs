@@ -21,6 +21,7 @@ mod man;
 mod memory;
 mod merge;
 mod motion;
+mod openjd;
 mod output;
 mod parse;
 mod plan;
@@ -147,6 +148,7 @@ impl Command {
     fn as_run(&self) -> &dyn Run {
         match self {
             Self::Capture(CaptureCommand::Convert(s)) => &**s,
+            Self::Capture(CaptureCommand::New(s)) => &**s,
             Self::Compare(s) => s,
             Self::Completions(c) => c,
             Self::Convert(s) => &**s,

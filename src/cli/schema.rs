@@ -50,6 +50,7 @@ macro_rules! kinds {
 
 kinds! {
     CaptureConvert: "capture convert" => app::capture::CaptureReport;
+    CaptureNew: "capture new" => app::capture::NewCaptureReport;
     Compare: "compare" => app::compare::CompareReport;
     Convert: "convert" => app::convert::ConvertReport;
     Denoise: "denoise" => Told<app::denoise::DenoiseReport>;

@@ -14,6 +14,7 @@ const PAGES: &[&str] = &[
     "src/guide/blender.md",
     "src/guide/captures.md",
     "src/guide/denoising.md",
+    "src/guide/farms.md",
     "src/guide/getting-started.md",
     "src/guide/gradients.md",
     "src/guide/grids.md",

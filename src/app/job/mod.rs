@@ -18,6 +18,7 @@ use crate::app::Context;
 use crate::app::use_case::Report;
 use crate::error::{Code, Error, Result};
 use crate::formats::atomic::Batch;
+use crate::formats::protected;
 use crate::text::shell_quoted;
 use parameters::Parameters;
 use serde::{Deserialize, Serialize};
@@ -128,6 +129,9 @@ impl JobSettings {
     /// # Errors
     /// If the work cannot be cut into tasks, another bundle lies in the folder, or it cannot be written.
     pub(crate) fn run(&self, line: &CommandLine, case: &impl Divisible, context: &Context) -> Result<JobReport> {
+        let _inputs = inputs::protect(case.inputs(), case.limits());
+        let all = [TEMPLATE, VALUES, SUBMITTED_VALUES, ASSETS].map(|name| self.output.join(name));
+        all.iter().try_for_each(|path| protected::check(path))?;
         let work = case.work(context)?;
         let seconds_each = match (&work, self.chunk) {
             (Work::Frames(_) | Work::Views(_), None) => case.seconds(context),
@@ -160,14 +164,15 @@ impl JobSettings {
             steps,
         };
         let files = case.inputs().into_iter().flat_map(|path| inputs::files(path, case.limits())).collect();
-        self.write(&json!(template), &parameters.paths, files)?;
+        self.write(&template, &parameters.paths, files)?;
         Ok(JobReport { bundle: self.output.clone(), name, steps: reports, seconds_each })
     }
 
     /// Writes the files of a bundle, all or none.
-    fn write(&self, template: &Json, paths: &[(String, PathBuf)], files: Vec<PathBuf>) -> Result<()> {
-        let text = |json: &Json| serde_json::to_string_pretty(json).map_err(|e| Error::invalid(e.to_string()));
-        let template = text(template)?;
+    fn write(&self, template: &Template, paths: &[(String, PathBuf)], files: Vec<PathBuf>) -> Result<()> {
+        let failed = |e: serde_json::Error| Error::invalid(e.to_string());
+        let text = |json: &Json| serde_json::to_string_pretty(json).map_err(failed);
+        let template = serde_json::to_string_pretty(template).map_err(failed)?;
         let place = self.output.join(TEMPLATE);
         if !self.overwrite && std::fs::read_to_string(&place).is_ok_and(|standing| standing.trim() != template) {
             return Err(Error::invalid("a job of another command lies here, and would be replaced")

@@ -4,11 +4,13 @@ use super::RenderSettings;
 use super::target::Target;
 use crate::app::Context;
 use crate::app::job::{Divisible, Work};
-use crate::app::pictures::PictureSettings;
+use crate::app::pictures::{DensityScale, PictureSettings};
 use crate::app::plan::PlanSettings;
 use crate::app::provenance::Provenance;
 use crate::app::sequence::{numbers, pattern};
+use crate::app::volume;
 use crate::error::{Error, Result};
+use crate::formats::format::FileKind;
 use crate::formats::sequence::Frames;
 use crate::render::film::Aov;
 use std::path::Path;
@@ -34,6 +36,7 @@ impl Divisible for RenderSettings {
         Ok(match (target, self.accuracy.replicates) {
             // The number of paths is chosen for all pictures together.
             _ if self.denoise && self.accuracy.target_error.is_some() => Work::Whole,
+            _ if self.is_sequence() && self.settles_by_part() => Work::Whole,
             (Target::File(path), Some(numbers)) if !self.denoise => Work::Replicates { numbers, picture: path.into() },
             (Target::File(_), _) => Work::Whole,
             _ if self.denoise => {
@@ -61,6 +64,18 @@ impl Divisible for RenderSettings {
 }
 
 impl RenderSettings {
+    /// True if what holds for all frames is found from those that are rendered: a scene file does not tell how many
+    /// there are.
+    fn settles_by_part(&self) -> bool {
+        let pictures = &self.pictures;
+        let is_scene =
+            || volume::format_of(&pictures.input).is_ok_and(|format| matches!(format.kind, FileKind::Capture));
+        let settles = pictures.cameras.is_none()
+            || pictures.density_scale == Some(DensityScale::Auto)
+            || pictures.planning.max_omitted > 0.0;
+        settles && pattern(&pictures.input).is_none() && is_scene()
+    }
+
     /// Returns the numbers of the frames of a sequence.
     fn sequence_numbers(&self) -> Result<Vec<u32>> {
         match (self.frames, pattern(&self.pictures.input)) {

@@ -11,6 +11,7 @@ mod merge;
 mod sequence;
 mod straight;
 mod target;
+mod turntable;
 mod views;
 mod visibility;
 
@@ -88,6 +89,11 @@ pub struct RenderSettings {
     /// Frames to render, frame.####.exr for each number; none for all files of an input that is a sequence, else for
     /// views.
     pub frames: Option<Frames>,
+    /// Number that is added to that of a frame to give that of its camera in `cameras`.
+    pub camera_offset: i32,
+    /// Frames of one turn of the camera about the up axis: frame F is seen from the angle 360 F / N degrees, 0 being
+    /// the front; none for cameras that `cameras` states, or one at rest.
+    pub orbit: Option<u32>,
     /// True to skip frames that are there, made by the same settings, unless an input has changed since, and to go on
     /// from a frame or a single view that was stopped before its error, time or replicates were reached.
     pub resume: bool,
@@ -116,6 +122,8 @@ impl Default for RenderSettings {
             png: false,
             exposure: None,
             frames: None,
+            camera_offset: 0,
+            orbit: None,
             resume: false,
             denoise: false,
             aov: Vec::new(),
@@ -188,6 +196,7 @@ impl RenderSettings {
         }
         let target = Target::of(&self.output)?;
         self.check_exposure()?;
+        self.check_cameras_of_frames()?;
         if self.denoise {
             return self.run_denoised(context).map(|report| RenderReport::Denoised(Box::new(report)));
         }

@@ -45,6 +45,8 @@ pub(super) struct Shot {
 pub(super) struct Sequence<'s> {
     pub render: &'s RenderSettings,
     pub target: Target<'s>,
+    /// Numbers of the frames.
+    pub numbers: Vec<u32>,
     /// Options, with what the first frame has settled.
     pub pictures: PictureSettings,
     pub pattern: Option<Pattern>,

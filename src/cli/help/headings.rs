@@ -69,6 +69,8 @@ const TABLE: [(&str, &[&str]); 13] = [
             "crop",
             "cameras",
             "camera",
+            "camera_offset",
+            "orbit",
             "camera_path",
             "pictures",
             "target",
