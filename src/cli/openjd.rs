@@ -6,7 +6,7 @@ use std::io::Write;
 use std::sync::{Mutex, PoisonError};
 
 /// Least difference of shares in per cent that is told.
-const STEP: f64 = 0.1;
+const STEP: f64 = 1.0;
 
 /// Share of a stage in per cent that was told last.
 #[derive(Debug, Default)]

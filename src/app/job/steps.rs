@@ -117,7 +117,12 @@ impl Builder<'_> {
         let parts = self.parameters.path("parts", &picture.with_extension("parts"), DataFlow::Out)?;
         let part = format!("{parts}/{{{{Task.Param.Replicate}}}}.exr");
         let one = command.clone().with(Argument::flag("resume")).writing(&part);
-        let render = self.chunked("Render", one, ("replicates", "Replicate", "Replicates"), &numbers)?;
+        let mut render = self.chunked("Render", one, ("replicates", "Replicate", "Replicates"), &numbers)?;
+        // The folder of a picture must exist.
+        let run = &mut render.script.actions.on_run;
+        let program = std::mem::replace(&mut run.command, "sh".into());
+        let words = ["-c", "mkdir -p \"$0\" && exec \"$@\"", &parts, &program].map(str::to_owned);
+        run.args.splice(..0, words);
         let output = self.parameters.path("output", picture, DataFlow::Out)?;
         let program = self.program();
         // The names of the parts follow the chunks, which the scheduler makes.
