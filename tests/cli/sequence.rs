@@ -453,6 +453,21 @@ fn views_of_other_settings_are_not_mixed() {
     assert_eq!(work.files("out"), before);
 }
 
+/// Of two runs of other settings that render the same frames at once, one replaces nothing of the other.
+#[test]
+fn frames_of_other_settings_are_not_mixed() {
+    let work = Work::new();
+    let command = |light: u32| {
+        format!("render @plume.vdb --views 1 --frames 0-7 --size 64x64 --background {light},1,1 --quiet -o out")
+    };
+    let running = [0, 1].map(|light| work.start(&command(light)));
+    let codes = running.map(|child| child.wait_with_output().unwrap().status.code().unwrap());
+    assert!(codes == [0, 2] || codes == [2, 0], "{codes:?}");
+    assert_eq!(frames(&work, "out").len(), 8);
+    let winner = u32::from(codes[1] == 0);
+    assert_eq!(work.json(&format!("{} --resume", command(winner)))["skipped"], 8);
+}
+
 /// Views of another content are not listed beside those of this one.
 #[test]
 fn views_of_other_content_are_not_mixed() {

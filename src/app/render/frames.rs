@@ -164,8 +164,8 @@ impl RenderSettings {
         let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
         if self.orbit.is_none() && self.pictures.placed().is_some_and(|views| views > 1) {
             return Err(Error::invalid("several views: a sequence has one picture for each frame").hint(
-                "give ⟨views=1⟩ or one side with ⟨from⟩ for a camera at rest, ⟨orbit⟩ for one that turns, or ⟨cameras⟩ with \
-                 one for each frame",
+                "give ⟨views=1⟩ or one side with ⟨from⟩ for a camera at rest, ⟨orbit⟩ for one that turns, or ⟨cameras⟩ \
+                 with one for each frame",
             ));
         }
         let paths = numbers.iter().map(|number| target.picture(&format!("frame.{number:04}.exr")));
