@@ -50,7 +50,7 @@ fn the_camera_turns() {
         std::fs::copy(crate::common::work::fixture("plume.vdb"), work.path(name)).unwrap();
     }
     std::fs::copy(crate::common::work::fixture("cube.vdb"), work.path("s.0002.vdb")).unwrap();
-    let moving = "render s.####.vdb --orbit 8 --size 12x12 --density-scale auto --aov motion";
+    let moving = "render s.####.vdb --orbit 8 --size 12x12 --density-scale auto --albedo 0.9 --samples 1 --aov motion";
     work.json(&format!("{moving} -o whole"));
     for frame in 1..=3 {
         work.json(&format!("{moving} --frames {frame} -o parts"));
