@@ -256,6 +256,11 @@ fn paths() {
 }
 
 #[test]
+fn farms() {
+    assert!(run("src/guide/farms.md") >= 10);
+}
+
+#[test]
 fn planning() {
     assert!(run("src/guide/planning.md") >= 5);
 }

@@ -213,7 +213,6 @@ fn cameras_are_found_by_number() {
     assert_eq!(std::fs::read(work.path("views/transforms.json")).unwrap(), list);
     work.refused(&format!("render @plume.vdb --frames 3-1 {options} -o whole"), Code::Usage, &["empty"]);
     work.refused(&format!("render @plume.vdb --views 4 --frames 1-3 {LIT} -o no"), Code::Invalid, &["--views 1"]);
-    work.refused(&format!("render @plume.vdb --views 2 {LIT} -o no --resume"), Code::Invalid, &["--frames"]);
     work.refused(&format!("render none.####.vdb --views 1 {LIT} -o no"), Code::Invalid, &["none.0001.vdb"]);
 }
 
