@@ -23,6 +23,7 @@
 //! | [Accuracy and cost](accuracy_and_cost) | What does accuracy cost in time and memory? |
 //! | [Self-test](self_test) | Which inputs break formulas of rendering, and is the program right on my machine? |
 //! | [Scripts](shell) | How do I work on sequences, read exit codes and JSON, and check renders in a pipeline? |
+//! | [Farms](farms) | How do I render on several machines, with Open Job Description, Dask, Ray or OpenCue? |
 //! | [Python](python) | How do I call it from Python, and test renders with pytest? |
 //! | [Library](library) | How do I call all of this from Rust? |
 //!
@@ -39,6 +40,9 @@ pub mod captures {}
 
 #[doc = include_str!("guide/denoising.md")]
 pub mod denoising {}
+
+#[doc = include_str!("guide/farms.md")]
+pub mod farms {}
 
 #[doc = include_str!("guide/getting-started.md")]
 pub mod getting_started {}

@@ -18,7 +18,7 @@
 //! # }
 //! ```
 
-pub use crate::app::capture::CaptureSettings;
+pub use crate::app::capture::{CaptureSettings, NewCaptureSettings};
 pub use crate::app::compare::CompareSettings;
 pub use crate::app::convert::{ConvertSettings, ImageSettings, ValueSettings};
 pub use crate::app::denoise::DenoiseSettings;

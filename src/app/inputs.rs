@@ -19,7 +19,7 @@ pub(crate) fn protect<'p>(paths: impl IntoIterator<Item = &'p Path>, limits: Lim
 
 /// Returns the files that a path leads to: those of a sequence, those in a folder, the cameras, pictures and masks of a
 /// capture, what a scene file names, and the file itself.
-fn files(path: &Path, limits: Limits) -> Vec<PathBuf> {
+pub(crate) fn files(path: &Path, limits: Limits) -> Vec<PathBuf> {
     if let Some(pattern) = sequence::pattern(path) {
         return frames(&pattern).iter().flat_map(|path| of_file(path, limits)).collect();
     }

@@ -30,6 +30,7 @@ pub mod function;
 pub mod gradient;
 pub mod info;
 pub mod inputs;
+pub mod job;
 pub mod motion;
 pub mod outputs;
 pub mod paths;

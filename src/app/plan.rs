@@ -115,6 +115,13 @@ use_case!(PlanSettings => PlanReport, pictures.limits);
 
 impl Report for PlanReport {}
 
+impl PlanReport {
+    /// Returns the seconds that a picture is expected to take on this machine.
+    pub(crate) fn seconds_a_picture(&self) -> f64 {
+        self.cost.seconds
+    }
+}
+
 /// Most cameras in whose pictures contributions are measured that nothing depends on.
 const TOLD: usize = 4;
 

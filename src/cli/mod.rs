@@ -15,11 +15,13 @@ mod flags;
 mod gradient;
 mod help;
 mod info;
+mod job;
 mod log;
 mod man;
 mod memory;
 mod merge;
 mod motion;
+mod openjd;
 mod output;
 mod parse;
 mod plan;
@@ -65,6 +67,7 @@ use crate::wording::speak_as;
 use capture::CaptureCommand;
 use clap::error::ContextKind;
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
+use job::OrJob;
 use output::Output;
 use reconstruct::Reconstruct;
 use run::Run;
@@ -119,12 +122,12 @@ enum Command {
     Plan(PlanSettings),
     Validate(ValidateSettings),
     Convert(Box<ConvertSettings>),
-    Denoise(DenoiseSettings),
+    Denoise(OrJob<DenoiseSettings>),
     Diff(DiffSettings),
     Figure(Box<FigureSettings>),
     Pose(PoseSettings),
     Gradient(GradientSettings),
-    Render(RenderSettings),
+    Render(OrJob<RenderSettings>),
     #[command(subcommand)]
     Reconstruct(Reconstruct),
     Report(PageSettings),
@@ -146,6 +149,7 @@ impl Command {
     fn as_run(&self) -> &dyn Run {
         match self {
             Self::Capture(CaptureCommand::Convert(s)) => &**s,
+            Self::Capture(CaptureCommand::New(s)) => &**s,
             Self::Compare(s) => s,
             Self::Completions(c) => c,
             Self::Convert(s) => &**s,

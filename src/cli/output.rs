@@ -47,6 +47,11 @@ impl Output {
         Self { json: true, command: command.into(), context, text: Some(text) }
     }
 
+    /// Words of the subcommand, such as `reconstruct density`.
+    pub(crate) fn command(&self) -> &str {
+        &self.command
+    }
+
     /// True if reports are printed as JSON.
     pub(crate) fn is_json(&self) -> bool {
         self.json

@@ -1,6 +1,7 @@
 //! Progress on standard error: bars and remarks for people, or events as lines of JSON.
 
 use super::log::{self, Log};
+use super::openjd::{self, Share};
 use crate::app::progress::{Event, Progress, Unit};
 use crate::error::Error;
 use crate::text::{printable_json, printable_lines};
@@ -10,7 +11,7 @@ use serde_json::json;
 use std::collections::HashMap;
 use std::fmt::{self, Display};
 use std::io::{IsTerminal, Write};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
@@ -22,20 +23,26 @@ pub(crate) enum Form {
     Text,
     /// Events as lines of JSON
     Json,
+    /// Progress in per cent, states and failures as Open Job Description's sessions read them
+    Openjd,
 }
 
-/// True once events are lines of JSON.
-static JSON: AtomicBool = AtomicBool::new(false);
+/// Number of the form in which events are told.
+static FORM: AtomicU8 = AtomicU8::new(Form::Text as u8);
 
 /// Says which error ended the command: as a line of JSON where the other events are.
 pub(super) fn tell(error: &Error) {
-    if !JSON.load(Ordering::Relaxed) {
-        let _ = writeln!(std::io::stderr(), "cumulo: {error}");
+    let form = FORM.load(Ordering::Relaxed);
+    if form == Form::Json as u8 {
+        let mut line = json!(error.facts());
+        line["event"] = "error".into();
+        let _ = writeln!(std::io::stderr(), "{}", printable_json(&line.to_string()));
         return;
     }
-    let mut line = json!(error.facts());
-    line["event"] = "error".into();
-    let _ = writeln!(std::io::stderr(), "{}", printable_json(&line.to_string()));
+    let _ = writeln!(std::io::stderr(), "cumulo: {error}");
+    if form == Form::Openjd as u8 {
+        openjd::failed(&error.to_string());
+    }
 }
 
 /// Standard error as the receiver of a use case's progress.
@@ -45,6 +52,8 @@ pub(crate) struct Terminal {
     quiet: bool,
     verbose: bool,
     bars: Mutex<HashMap<u64, Bar>>,
+    /// Share of the work that was told to a session of Open Job Description.
+    share: Share,
 }
 
 /// Bar of a stage, with the parts that it counts of each of its steps.
@@ -59,8 +68,8 @@ impl Terminal {
     /// that each stage took.
     pub(crate) fn new(form: Form, quiet: bool, verbose: bool) -> Self {
         log::begin();
-        JSON.store(form == Form::Json, Ordering::Relaxed);
-        Self { form, quiet, verbose, bars: Mutex::default() }
+        FORM.store(form as u8, Ordering::Relaxed);
+        Self { form, quiet, verbose, bars: Mutex::default(), share: Share::default() }
     }
 
     fn show(&self, event: &Event<'_>) {
@@ -109,6 +118,8 @@ impl Progress for Terminal {
         super::cancel::take(event);
         match self.form {
             Form::Text => self.show(event),
+            Form::Openjd if self.share.tell(event) => {}
+            Form::Openjd => self.show(event),
             Form::Json => {
                 if let Ok(json) = serde_json::to_string(event) {
                     let _ = writeln!(std::io::stderr().lock(), "{}", printable_json(&json));

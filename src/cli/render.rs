@@ -33,6 +33,17 @@ struct RenderArgs {
     /// smoke.####.vdb or a folder: all files that there are)
     #[arg(long, value_name = "A-B")]
     frames: Option<Frames>,
+    /// Add this to the number of a frame for that of its camera: with -1 frame 1 takes the camera of view_000
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, requires = "cameras")]
+    camera_offset: i32,
+    /// Turn the camera about the up axis, once in N frames: frame F is seen from the angle 360 F / N, 0 being the front
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..=100_000),
+        conflicts_with_all = ["views", "aim", "layout", "cameras", "camera", "view"],
+    )]
+    orbit: Option<u32>,
     /// Skip frames that are there, made by the same settings, unless a volume, the cameras or another input has changed
     /// since; go on from a frame or a single view that was stopped before its error, time or replicates were reached
     #[arg(long, conflicts_with = "overwrite")]
@@ -65,6 +76,8 @@ impl From<RenderArgs> for RenderSettings {
             png: args.png,
             exposure: args.exposure,
             frames: args.frames,
+            camera_offset: args.camera_offset,
+            orbit: args.orbit,
             resume: args.resume,
             denoise: args.denoise,
             aov: args.aov,

@@ -1,5 +1,6 @@
 //! `cumulo schema`: JSON schemas of the files that Cumulo reads, and of the documents that it writes.
 
+use super::job::Told;
 use super::output::Output;
 use super::run::Run;
 use super::{document, man};
@@ -49,9 +50,10 @@ macro_rules! kinds {
 
 kinds! {
     CaptureConvert: "capture convert" => app::capture::CaptureReport;
+    CaptureNew: "capture new" => app::capture::NewCaptureReport;
     Compare: "compare" => app::compare::CompareReport;
     Convert: "convert" => app::convert::ConvertReport;
-    Denoise: "denoise" => app::denoise::DenoiseReport;
+    Denoise: "denoise" => Told<app::denoise::DenoiseReport>;
     Diff: "diff" => app::diff::DiffReport;
     Figure: "figure" => app::figure::FigureReport;
     Gradient: "gradient" => app::gradient::GradientReport;
@@ -61,10 +63,10 @@ kinds! {
     Motion: "motion" => app::motion::MotionReport;
     Plan: "plan" => app::plan::PlanReport;
     Pose: "pose" => app::pose::PoseReport;
-    ReconstructColor: "reconstruct color" => app::run::Run;
-    ReconstructDensity: "reconstruct density" => app::run::Run;
-    ReconstructTf: "reconstruct tf" => app::reconstruct::TransferRun;
-    Render: "render" => app::render::RenderReport;
+    ReconstructColor: "reconstruct color" => Told<app::run::Run>;
+    ReconstructDensity: "reconstruct density" => Told<app::run::Run>;
+    ReconstructTf: "reconstruct tf" => Told<app::reconstruct::TransferRun>;
+    Render: "render" => Told<app::render::RenderReport>;
     Report: "report" => app::report::PageReport;
     Selftest: "selftest" => app::selftest::SelftestReport;
     StudyDenoise: "study denoise" => app::study::StudyReport;

@@ -14,6 +14,7 @@ const PAGES: &[&str] = &[
     "src/guide/blender.md",
     "src/guide/captures.md",
     "src/guide/denoising.md",
+    "src/guide/farms.md",
     "src/guide/getting-started.md",
     "src/guide/gradients.md",
     "src/guide/grids.md",
@@ -252,6 +253,11 @@ fn reconstruction() {
 #[test]
 fn paths() {
     assert!(run("src/guide/paths.md") >= 22);
+}
+
+#[test]
+fn farms() {
+    assert!(run("src/guide/farms.md") >= 10);
 }
 
 #[test]

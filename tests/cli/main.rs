@@ -26,6 +26,7 @@ mod convert_edits;
 mod denoise;
 mod diff;
 mod embedded;
+mod farm;
 mod figure;
 mod gradient;
 mod guide;

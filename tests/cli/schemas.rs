@@ -132,6 +132,10 @@ fn documents_of_every_command_are_what_their_schemas_say() {
     }
     ok("motion", "motion @plume.vdb --cameras cap --frames 0-1 --samples 1 -o motion.####.exr");
     ok("capture-convert", "capture convert cap -o flat");
+    ok("capture-new", "capture new @plume.vdb --views 3 --size 8x8 -o cameras.json");
+    ok("render", "render @plume.vdb --frames 1-9 --views 1 --size 8x8 -o farm --openjd job");
+    ok("denoise", "denoise cap/view_###.exr -o q_###.exr --chunk 2 --openjd job2");
+    ok("reconstruct-density", "reconstruct density cap -o d.vdb --openjd job3");
     ok("usd-author", "usd author @plume.vdb -o s.usda");
     ok("usd-lint", "usd lint s.usda");
     ok("info", "info s.usda");
@@ -149,6 +153,7 @@ fn documents_of_failures_are_what_their_schemas_say() {
     std::fs::write(all.work.path("bad.vdb"), "nothing of the kind").unwrap();
     for (kind, words) in [
         ("capture-convert", "capture convert none -o out"),
+        ("capture-new", "capture new none.vdb -o out.json"),
         ("compare", "compare none.exr none.exr"),
         ("convert", "convert bad.vdb out.vdb"),
         ("denoise", "denoise none.####.exr -o out.####.exr"),

@@ -213,7 +213,6 @@ fn cameras_are_found_by_number() {
     assert_eq!(std::fs::read(work.path("views/transforms.json")).unwrap(), list);
     work.refused(&format!("render @plume.vdb --frames 3-1 {options} -o whole"), Code::Usage, &["empty"]);
     work.refused(&format!("render @plume.vdb --views 4 --frames 1-3 {LIT} -o no"), Code::Invalid, &["--views 1"]);
-    work.refused(&format!("render @plume.vdb --views 2 {LIT} -o no --resume"), Code::Invalid, &["--frames"]);
     work.refused(&format!("render none.####.vdb --views 1 {LIT} -o no"), Code::Invalid, &["none.0001.vdb"]);
 }
 
@@ -396,18 +395,93 @@ fn parts_keep_each_others_frames() {
     assert_eq!(frames(&work, "out0").len(), 2);
 }
 
-/// Views are one capture: of two runs that end in one folder the later one is refused, as it is when it begins later.
+/// Processes that render some of the views into one folder, at once or one after the other, with `--resume` or without,
+/// leave one capture of all of them, as one process does.
 #[test]
-fn views_of_other_commands_are_not_mixed() {
+fn views_of_several_runs_are_one_capture() {
     let work = Work::new();
-    let command = |part: &str| format!("render @plume.vdb --views 4 --size 24x24 --view {part} -o out");
-    let running = [work.start(&command("0-1")), work.start(&command("2-3"))];
+    work.json("render @plume.vdb --views 6 --size 24x24 -o whole");
+    for (round, more) in ["", " --resume", " --overwrite", ""].into_iter().enumerate() {
+        let command =
+            |part: &str| format!("render @plume.vdb --views 6 --size 24x24 --quiet --view {part} -o out{round}{more}");
+        let mut running = Vec::new();
+        for part in ["0-1", "2-3", "4-5"] {
+            running.push(work.start(&command(part)));
+            if round == 3 {
+                running.drain(..).for_each(|mut child| assert!(child.wait().unwrap().success()));
+            }
+        }
+        for child in running {
+            let out = child.wait_with_output().unwrap();
+            assert!(out.status.success(), "{}", errors(&out));
+        }
+        let out = format!("out{round}");
+        assert_eq!(frames(&work, &out), frames(&work, "whole"), "{more}");
+        let json = |folder: &str| -> Value {
+            let text = std::fs::read(work.path(&format!("{folder}/transforms.json"))).unwrap();
+            let mut json: Value = serde_json::from_slice(&text).unwrap();
+            json.as_object_mut().unwrap().remove("provenance");
+            json
+        };
+        assert_eq!(json(&out), json("whole"), "{more}");
+        work.json(&format!("compare {out} whole --tolerance 0"));
+    }
+    // Those that are there stay, and the others are rendered.
+    std::fs::remove_file(work.path("out0/view_003.exr")).unwrap();
+    let report = work.json("render @plume.vdb --views 6 --size 24x24 --resume -o out0");
+    assert_eq!((&report["views"], &report["skipped"]), (&1.into(), &5.into()));
+    assert_eq!(frames(&work, "out0").len(), 6);
+}
+
+/// Runs of other settings lose nothing, and say so: those that end later, or begin later, are refused.
+#[test]
+fn views_of_other_settings_are_not_mixed() {
+    let work = Work::new();
+    let command = |part: &str, light: u32| {
+        format!("render @plume.vdb --views 4 --size 24x24 --background {light},1,1 --view {part} -o out")
+    };
+    let running = [work.start(&command("0-1", 0)), work.start(&command("2-3", 1))];
     let codes = running.map(|child| child.wait_with_output().unwrap().status.code().unwrap());
     assert!(codes == [0, 2] || codes == [2, 0], "{codes:?}");
-    let listed = frames(&work, "out");
-    assert_eq!(listed.len(), 2);
+    assert_eq!(frames(&work, "out").len(), 2);
     assert_eq!(work.files("out").len(), 3, "the pictures of the refused run are not there");
-    work.refused(&command("1-2"), Code::OutputExists, &["transforms.json"]);
+    let before = work.files("out");
+    let refused = if codes[0] == 0 { 1 } else { 0 };
+    work.refused(&command("1-2", refused), Code::OutputExists, &["transforms.json"]);
+    work.refused(&format!("{} --resume", command("1-2", refused)), Code::OutputExists, &["transforms.json"]);
+    assert_eq!(work.files("out"), before);
+}
+
+/// Of two runs of other settings that render the same frames at once, one replaces nothing of the other.
+#[test]
+fn frames_of_other_settings_are_not_mixed() {
+    let work = Work::new();
+    let command = |light: u32| {
+        format!("render @plume.vdb --views 1 --frames 0-7 --size 64x64 --background {light},1,1 --quiet -o out")
+    };
+    let running = [0, 1].map(|light| work.start(&command(light)));
+    let codes = running.map(|child| child.wait_with_output().unwrap().status.code().unwrap());
+    assert!(codes == [0, 2] || codes == [2, 0], "{codes:?}");
+    assert_eq!(frames(&work, "out").len(), 8);
+    let winner = u32::from(codes[1] == 0);
+    assert_eq!(work.json(&format!("{} --resume", command(winner)))["skipped"], 8);
+}
+
+/// Views of another content are not listed beside those of this one.
+#[test]
+fn views_of_other_content_are_not_mixed() {
+    let work = Work::new();
+    std::fs::copy(fixture("plume.vdb"), work.path("a.vdb")).unwrap();
+    work.json("render a.vdb --views 4 --size 8x8 -o out");
+    std::fs::copy(fixture("cube.vdb"), work.path("a.vdb")).unwrap();
+    let before = work.files("out");
+    for more in ["", " --resume"] {
+        let part = format!("render a.vdb --views 4 --size 8x8 --view 1-2 -o out{more}");
+        work.refused(&part, Code::OutputExists, &["view_000.exr", "--overwrite"]);
+    }
+    assert_eq!(work.files("out"), before);
+    assert_eq!(work.json("render a.vdb --views 4 --size 8x8 -o out --resume")["views"], 4);
+    assert_eq!(frames(&work, "out").len(), 4);
 }
 
 /// A folder of numbered files, and Houdini's names, are the sequence that a pattern is.

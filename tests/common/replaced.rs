@@ -20,7 +20,7 @@ const fn case(words: &'static str, inputs: &'static [&'static str], outputs: &'s
 
 const CAPTURE: &[&str] = &["in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"];
 
-pub const ALL: [Case; 39] = [
+pub const ALL: [Case; 46] = [
     case(
         "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --view 0 --size 4x4 --png --overwrite -o out",
         &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"],
@@ -50,6 +50,41 @@ pub const ALL: [Case; 39] = [
         "render in/stage.usda --views 1 --size 4x4 --samples 1 --overwrite -o out",
         &["in/stage.usda", "in/cube.vdb", "in/sky.exr"],
         &["out/view_000.exr", "out/transforms.json"],
+    ),
+    case(
+        "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --size 4x4 --overwrite -o out/x --openjd out/job",
+        &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json"],
+        &["out/job/template.json", "out/job/parameters.json", "out/job/asset_references.json"],
+    ),
+    case(
+        "denoise in/cap/view_%03d.exr -o out/q_%03d.exr --overwrite --openjd out/job",
+        &["in/cap/view_001.exr"],
+        &["out/job/template.json", "out/job/parameter_values.json"],
+    ),
+    case(
+        "reconstruct density in/cap -o out/f.vdb --openjd out/job",
+        &["in/cap/transforms.json"],
+        &["out/job/template.json"],
+    ),
+    case(
+        "reconstruct color in/bright -o out/f.vdb --openjd out/job",
+        &["in/bright/transforms.json"],
+        &["out/job/template.json"],
+    ),
+    case(
+        "reconstruct tf in/bright --volume in/cube.vdb -o out/f.tf.json --openjd out/job",
+        &["in/cube.vdb", "in/bright/view_003.exr"],
+        &["out/job/template.json"],
+    ),
+    case(
+        "capture new in/cube.vdb --cameras in/cap --tf in/two.tf.json --overwrite -o out/c.json",
+        &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json", "in/cap/view_003.exr"],
+        &["out/c.json"],
+    ),
+    case(
+        "capture new in/cube.vdb --views 2 --albedo 0.9 --sky in/sky.exr --overwrite -o out",
+        &["in/cube.vdb", "in/sky.exr"],
+        &["out/transforms.json"],
     ),
     case(
         "figure in/cap/view_000.exr in/sky.exr --tf in/two.tf.json --overwrite -o out/f.svg",

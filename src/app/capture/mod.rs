@@ -1,10 +1,12 @@
-//! Any capture, converted to one that every use case takes.
+//! Captures: any one, converted to one that every use case takes, and cameras for pictures that are to be rendered.
 
+mod new;
 mod photographs;
 mod pictures;
 mod placement;
 mod report;
 
+pub use new::{NewCaptureReport, NewCaptureSettings};
 pub use pictures::Masked;
 pub use placement::Placement;
 pub use report::CaptureReport;

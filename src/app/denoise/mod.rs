@@ -2,6 +2,7 @@
 
 mod frames;
 mod held;
+mod job;
 mod motion;
 pub(in crate::app) mod names;
 mod passes;

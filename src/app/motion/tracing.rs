@@ -94,7 +94,7 @@ impl Tracing {
             input: input.to_owned(),
             volumes,
             numbers: numbers.to_vec(),
-            cameras: between(&capture, cameras, numbers)?,
+            cameras: between(&capture, cameras, numbers, 0)?,
             capture,
             choices,
             limits,

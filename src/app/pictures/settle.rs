@@ -26,8 +26,8 @@ const FRAMES: usize = 5;
 /// Values for all frames of a sequence; those that need not be settled are none.
 #[derive(Debug, Default)]
 pub(in crate::app) struct Settled {
-    /// Camera at rest, cropped.
-    pub camera: Option<Camera>,
+    /// Cameras that are placed, cropped: one at rest, or those of a turn.
+    pub cameras: Vec<Camera>,
     /// Extinction per unit of density.
     pub density_scale: Option<f64>,
     /// Effects that no frame leaves out.
@@ -67,8 +67,8 @@ impl PictureSettings {
             let _ = self.measure(pattern, number, (template, cameras, cancel), &mut settled, &mut outline);
         }
         if let Some(up) = placed.filter(|_| !outline.is_empty()) {
-            let camera = self.place(&outline, up).into_iter().next();
-            settled.camera = camera.map(|camera| self.cropped(camera)).transpose()?;
+            let cameras = self.place(&outline, up).into_iter();
+            settled.cameras = cameras.map(|camera| self.cropped(camera)).collect::<Result<_>>()?;
         }
         settled.density_scale = settled.density_scale.filter(|_| auto);
         Ok(settled)
@@ -119,8 +119,9 @@ impl Settled {
     /// Returns the same with the camera and the scale of the capture that earlier runs wrote, which the rest of its
     /// frames must share. Effects are settled by the same frames in each run.
     pub(in crate::app) fn after(self, capture: &Capture) -> Self {
-        let camera = capture.frames.first().map(|frame| frame.camera).or(self.camera);
-        Self { camera, density_scale: Some(capture.density_scale), ..self }
+        let first = capture.frames.first().map(|frame| vec![frame.camera]);
+        let cameras = first.unwrap_or(self.cameras);
+        Self { cameras, density_scale: Some(capture.density_scale), ..self }
     }
 }
 

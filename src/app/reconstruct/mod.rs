@@ -5,6 +5,7 @@ pub mod color;
 mod confidence;
 pub mod density;
 mod forecast;
+mod job;
 pub mod page;
 pub mod refinement;
 pub mod region;

@@ -157,6 +157,8 @@ impl RenderSettings {
         };
         let denoised = self.denoiser(&places.names, self.frames).run(context)?;
         if let Some([from, to]) = places.captures.as_ref().filter(|[from, _]| from.exists()) {
+            // Runs of other frames add to the capture of the noisy ones: the last copy has all of them.
+            let _lock = to.parent().map(atomic::lock_folder);
             let text = std::fs::read(from).map_err(|e| Error::io(from, e))?;
             atomic::write_bytes(to, &text)?;
         }

@@ -9,11 +9,13 @@ use crate::app::pictures::scales::DensityScales;
 use crate::app::provenance::Provenance;
 use crate::app::volume;
 use crate::error::{Code, Error, Result};
+use crate::formats::atomic::{self, Batch};
 use crate::formats::format::FileKind;
-use crate::formats::{atomic, protected, transforms};
+use crate::formats::{protected, transforms};
 use crate::scene::capture::{Capture, Frame};
 use serde_json::{Map, json};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Error that other settings wrote the capture in the folder.
 fn other_capture(json: &Path) -> Error {
@@ -88,6 +90,25 @@ impl Sequence<'_> {
         capture.frames.into_iter().filter(other).collect()
     }
 
+    /// Writes a frame's files through `write`, and puts them into place unless a run of other settings, at the same
+    /// time, has written a capture or the same frame: then the error that says so is returned as a value.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub(super) fn place(&self, picture: &Path, write: impl FnOnce(&[PathBuf]) -> Result<()>) -> Result<Option<Error>> {
+        let files = self.render.files_of(picture);
+        let mut batch = Batch::new();
+        let waiting = files.iter().map(|file| batch.add(file)).collect::<Result<Vec<_>>>()?;
+        write(&waiting)?;
+        let json = self.target.json();
+        let _lock = json.as_deref().and_then(Path::parent).map(atomic::lock_folder);
+        let capture = json.iter().try_for_each(|json| self.spare_capture(json));
+        match capture.and_then(|()| files.iter().try_for_each(|file| self.policy().check(file))) {
+            Ok(()) => batch.commit().map(|()| None),
+            Err(refused) => Ok(Some(refused)),
+        }
+    }
+
     /// Adds the frames that are there to the capture in the folder, and returns its density scales. Of two runs that
     /// end at once, one waits for the other.
     ///
@@ -114,7 +135,7 @@ impl Sequence<'_> {
             if earlier.is_some() {
                 return Ok(self.earlier_scales());
             }
-            self.shot = Some(self.shot(*first, done[0].1, context)?);
+            self.shot = Some(Arc::new(self.shot(*first, done[0].1, context)?));
         }
         let Some(shot) = &self.shot else { return Ok(DensityScales::default()) };
         let _lock = json.parent().map(atomic::lock_folder);

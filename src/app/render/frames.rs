@@ -37,6 +37,7 @@ use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Report of the frames of a sequence.
@@ -150,18 +151,21 @@ impl RenderSettings {
             refuse_missing(pattern, &numbers)?;
         }
         target.holds(numbers.len(), "frames", "⟨frames=N⟩")?;
-        let mut template = self.pictures.template(Some(&numbers), &mut provenance)?;
-        self.pictures.check_cameras(template.as_ref())?;
-        let mut pictures = self.pictures.clone();
+        let cameras_of: Vec<u32> =
+            numbers.iter().filter_map(|number| number.checked_add_signed(self.camera_offset)).collect();
+        let mut pictures = self.turning();
+        let mut template = pictures.template(Some(&cameras_of), &mut provenance)?;
+        pictures.check_cameras(template.as_ref())?;
         if let Some(template) = &mut template {
             let chosen = pictures.chosen(template.frames.len())?;
             template.frames = chosen.into_iter().map(|i| template.frames[i].clone()).collect();
             pictures.view.clear();
         }
         let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
-        if self.pictures.placed().is_some_and(|views| views > 1) {
+        if self.orbit.is_none() && self.pictures.placed().is_some_and(|views| views > 1) {
             return Err(Error::invalid("several views: a sequence has one picture for each frame").hint(
-                "give ⟨views=1⟩ or one side with ⟨from⟩ for a camera at rest, or ⟨cameras⟩ with one for each frame",
+                "give ⟨views=1⟩ or one side with ⟨from⟩ for a camera at rest, ⟨orbit⟩ for one that turns, or ⟨cameras⟩ \
+                 with one for each frame",
             ));
         }
         let paths = numbers.iter().map(|number| target.picture(&format!("frame.{number:04}.exr")));
@@ -169,6 +173,7 @@ impl RenderSettings {
         let sequence = Sequence {
             render: self,
             target,
+            numbers,
             pictures,
             pattern,
             template,
@@ -180,7 +185,8 @@ impl RenderSettings {
             visibility: Visibility::default(),
             remarks: BTreeSet::new(),
             cancel: context.cancel(),
-            deadline: Deadline::new(begun, &self.accuracy, numbers.len()),
+            refused: None,
+            deadline: Deadline::new(begun, &self.accuracy, frames.len()),
         };
         Ok((sequence, frames))
     }
@@ -192,7 +198,7 @@ impl RenderSettings {
             let [before, camera, after] = cameras.map(|camera| self.pictures.cropped(camera));
             Ok([before?, camera?, after?])
         };
-        between(template, path, numbers)?.into_iter().map(cropped).collect()
+        between(template, path, numbers, self.camera_offset)?.into_iter().map(cropped).collect()
     }
 }
 
@@ -242,7 +248,8 @@ impl Sequence<'_> {
             };
             Ok((place, earlier, made))
         };
-        let results = FrameLoop::pictures(&numbers, "render", context).telling().in_order(work)?;
+        let results = FrameLoop::pictures(&numbers, "render", context).telling().in_order(work);
+        let results = results.map_err(|error| self.refused.take().unwrap_or(error))?;
         let (done, failed) = parted(results);
         let mut outcome = Outcome { failed, ..Outcome::default() };
         for (number, (place, earlier, made)) in done {
@@ -273,18 +280,22 @@ impl Sequence<'_> {
         let earlier = self.earlier().filter(stay);
         let settled = match &earlier {
             // Nothing is left to be settled.
-            Some(_) if self.pictures.planning.max_omitted == 0.0 => Settled::default(),
+            Some(_) if self.pictures.planning.max_omitted == 0.0 && self.render.orbit.is_none() => Settled::default(),
             _ => {
                 let _stage = context.stage("settling");
                 self.pictures.settle(self.pattern.as_ref(), &numbers, self.template.as_ref(), up, &context.cancel())?
             }
         };
         let settled = match earlier {
+            Some(earlier) if self.render.orbit.is_some() => {
+                let cameras = settled.cameras.clone();
+                Settled { cameras, ..settled.after(&earlier) }
+            }
             Some(earlier) => settled.after(&earlier),
             None => settled,
         };
-        if let Some(camera) = settled.camera.filter(|_| placed) {
-            self.cameras = vec![[camera; 3]; numbers.len()];
+        if placed {
+            self.cameras = self.at_frames(&settled.cameras, &numbers);
         }
         if self.pictures.density_scale == Some(DensityScale::Auto) {
             self.pictures.density_scale =
@@ -349,7 +360,8 @@ impl Sequence<'_> {
         let mut capture = pictures.capture(to, &subject, transfer, self.template.as_ref(), cameras)?;
         self.pictures.density_scale = Some(DensityScale::Given(capture.density_scale)).filter(|_| !subject.is_scene());
         if self.cameras.is_empty() {
-            self.cameras = capture.frames.iter().map(|frame| [frame.camera; 3]).collect();
+            let placed: Vec<Camera> = capture.frames.iter().map(|frame| frame.camera).collect();
+            self.cameras = self.at_frames(&placed, &self.numbers);
         }
         let picture = self.target.picture(&format!("frame.{number:04}.exr"));
         capture.frames = vec![Frame { camera: self.camera(place), picture }];
@@ -384,9 +396,9 @@ impl Sequence<'_> {
         let turn = self.deadline.next();
         let shot = match self.shot.take() {
             Some(shot) if !shot.moving => shot,
-            _ => self.shot(place, number, context)?,
+            _ => Arc::new(self.shot(place, number, context)?),
         };
-        let shot = self.shot.insert(shot);
+        let shot = Arc::clone(self.shot.insert(shot));
         let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
         let (plan, scene) = (shot.plan.as_ref(), (&shot.scene, shot.paths));
         let renderer = self.render.renderer(&self.pictures, plan, scene, &[*camera], &self.cancel)?;
@@ -409,9 +421,9 @@ impl Sequence<'_> {
         let mut attributes = pictured.attributes(self.render, &renderer, (&film, error.as_ref()));
         attributes.insert("cumulo:frame".into(), number.to_string());
         let whole = self.pictures.whole(self.target, self.template.as_ref().and_then(|c| c.frames.first()));
-        pictured.write(self.render, &self.render.files_of(path), (&film, attributes), whole)?;
+        self.refused = self.place(path, |files| pictured.write(self.render, files, (&film, attributes), whole))?;
         // A frame that was stopped is there to go on from, and the last.
-        match error.as_ref().is_some_and(PictureError::is_stopped) {
+        match self.refused.is_some() || error.as_ref().is_some_and(PictureError::is_stopped) {
             true => Err(Error::cancelled()),
             false => Ok((counts, error)),
         }

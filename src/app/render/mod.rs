@@ -5,10 +5,13 @@ mod begun;
 mod denoised;
 mod folder;
 mod frames;
+mod job;
+mod joined;
 mod merge;
 mod sequence;
 mod straight;
 mod target;
+mod turntable;
 mod views;
 mod visibility;
 
@@ -86,6 +89,11 @@ pub struct RenderSettings {
     /// Frames to render, frame.####.exr for each number; none for all files of an input that is a sequence, else for
     /// views.
     pub frames: Option<Frames>,
+    /// Number that is added to that of a frame to give that of its camera in `cameras`.
+    pub camera_offset: i32,
+    /// Frames of one turn of the camera about the up axis: frame F is seen from the angle 360 F / N degrees, 0 being
+    /// the front; none for cameras that `cameras` states, or one at rest.
+    pub orbit: Option<u32>,
     /// True to skip frames that are there, made by the same settings, unless an input has changed since, and to go on
     /// from a frame or a single view that was stopped before its error, time or replicates were reached.
     pub resume: bool,
@@ -114,6 +122,8 @@ impl Default for RenderSettings {
             png: false,
             exposure: None,
             frames: None,
+            camera_offset: 0,
+            orbit: None,
             resume: false,
             denoise: false,
             aov: Vec::new(),
@@ -126,7 +136,10 @@ impl Default for RenderSettings {
 }
 
 /// Settings on which pictures do not depend, or which choose some of them.
-const MANNER: [&str; 4] = ["overwrite", "frames", "resume", "max_memory"];
+const MANNER: [&str; 5] = ["output", "overwrite", "frames", "resume", "max_memory"];
+
+/// Those of views in a folder, of which some are chosen by their numbers.
+const MANNER_OF_VIEWS: [&str; 6] = ["output", "overwrite", "frames", "resume", "max_memory", "view"];
 
 /// Report of views, or of the frames of a sequence.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
@@ -183,6 +196,7 @@ impl RenderSettings {
         }
         let target = Target::of(&self.output)?;
         self.check_exposure()?;
+        self.check_cameras_of_frames()?;
         if self.denoise {
             return self.run_denoised(context).map(|report| RenderReport::Denoised(Box::new(report)));
         }
@@ -200,7 +214,9 @@ impl RenderSettings {
         let ScatteringSettings { samples, seed, .. } = &mut settings.pictures.scattering;
         samples.get_or_insert(self.pictures.scattering.samples());
         seed.get_or_insert(0);
-        Provenance::begin(context).of("render", &settings, &MANNER)
+        let in_folder = || matches!(Target::of(&self.output), Ok(Target::Folder(_)));
+        let manner = if !self.is_sequence() && in_folder() { &MANNER_OF_VIEWS[..] } else { &MANNER };
+        Provenance::begin(context).of("render", &settings, manner)
     }
 
     /// Refuses an exposure that no picture would have.

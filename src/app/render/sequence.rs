@@ -10,6 +10,7 @@ use crate::app::pictures::scales::DensityScales;
 use crate::app::provenance::Provenance;
 use crate::app::up::ChosenUp;
 use crate::cancel::Cancel;
+use crate::error::Error;
 use crate::formats::sequence::Pattern;
 use crate::plan::Plan;
 use crate::scene::camera::Camera;
@@ -18,6 +19,7 @@ use crate::scene::scene::Scene;
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Frame that is there: its place in the sequence, its number and its picture.
 pub(super) type Done = (usize, u32, PathBuf);
@@ -43,6 +45,8 @@ pub(super) struct Shot {
 pub(super) struct Sequence<'s> {
     pub render: &'s RenderSettings,
     pub target: Target<'s>,
+    /// Numbers of the frames.
+    pub numbers: Vec<u32>,
     /// Options, with what the first frame has settled.
     pub pictures: PictureSettings,
     pub pattern: Option<Pattern>,
@@ -55,12 +59,14 @@ pub(super) struct Sequence<'s> {
     pub provenance: Provenance,
     /// Hashes of the inputs of the frames so far, by path.
     pub inputs: BTreeMap<String, String>,
-    pub shot: Option<Shot>,
+    pub shot: Option<Arc<Shot>>,
     /// Whether anything is to be seen in the pictures so far.
     pub visibility: Visibility,
     /// Remarks that were made.
     pub remarks: BTreeSet<String>,
     pub cancel: Cancel,
+    /// Error of a run that met, while it was at work, what one of other settings has written.
+    pub refused: Option<Error>,
     /// When the frames are to be done.
     pub deadline: Deadline,
 }

@@ -1,12 +1,12 @@
 //! Views: the pictures of a volume from many sides, which appear together as a capture, or one of them.
 
 use super::accuracy::{AccuracyReport, Deadline, PictureError, Turn};
-use super::begun::{Pictured, is_stopped};
+use super::begun::Pictured;
 use super::target::Target;
 use super::visibility::Visibility;
 use super::{RenderSettings, fits, remarks, straight};
 use crate::app::Context;
-use crate::app::earlier::{self, Earlier, Keys, Policy};
+use crate::app::context::Stage;
 use crate::app::pictures::Cameras;
 use crate::app::pictures::colors::Colors;
 use crate::app::pictures::renderer::{Chosen, LeftOut, SceneRenderer};
@@ -19,8 +19,7 @@ use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::atomic::{self, Batch};
 use crate::formats::png::ToneMapping;
-use crate::formats::protected;
-use crate::formats::transforms::{self, FILE_NAME};
+use crate::formats::transforms::FILE_NAME;
 use crate::ordered;
 use crate::plan::Plan;
 use crate::render::film::Rendered;
@@ -33,7 +32,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Report of views.
@@ -41,7 +41,10 @@ use std::time::Instant;
 pub struct ViewsReport {
     #[serde(serialize_with = "crate::app::paths::text")]
     output: PathBuf,
+    /// Number of views that were rendered.
     views: usize,
+    /// Number of views that were there, made by the same settings.
+    skipped: usize,
     model: Model,
     #[serde(flatten)]
     scales: DensityScales,
@@ -67,7 +70,7 @@ pub struct ViewsReport {
 /// How light was integrated.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(untagged)]
-enum Integration {
+pub(super) enum Integration {
     /// Along straight rays.
     Dvr {
         quadrature: String,
@@ -85,7 +88,7 @@ enum Integration {
 
 /// Transmittance at which rays end, and the error that this makes.
 #[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
-struct EarlyStop {
+pub(super) struct EarlyStop {
     /// Transmittance below which rays end; 0 for never.
     transmittance: f64,
     /// Bound of the error in any channel of a pixel, in the channel's units.
@@ -105,7 +108,7 @@ impl Integration {
     }
 
     /// Adds what a capture records of how its pictures were made.
-    fn record(&self, scattering: Option<Value>, extra: &mut Map<String, Value>) {
+    pub(super) fn record(&self, scattering: Option<Value>, extra: &mut Map<String, Value>) {
         if let Self::Dvr { quadrature, early_stop, .. } = self {
             extra.insert("quadrature".into(), json!(quadrature));
             extra.insert("early_stop".into(), json!(early_stop));
@@ -116,11 +119,12 @@ impl Integration {
 
 impl fmt::Display for ViewsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, views, seconds, scales, way, accuracy, plan, tone_mapping, .. } = self;
+        let Self { output, views, skipped, seconds, scales, way, accuracy, plan, tone_mapping, .. } = self;
         let json = output.join(FILE_NAME);
         let file = if json.exists() { &json } else { output };
         let s = if *views == 1 { "" } else { "s" };
-        writeln!(f, "{}: {views} view{s} in {seconds:.2} s, {scales}", file.display())?;
+        let there = if *skipped > 0 { format!(", {skipped} that were there") } else { String::new() };
+        writeln!(f, "{}: {views} view{s} in {seconds:.2} s{there}, {scales}", file.display())?;
         tone_mapping.iter().try_for_each(|tone| writeln!(f, "  PNG: {tone}"))?;
         match way {
             Some(Integration::Dvr {
@@ -144,6 +148,7 @@ impl fmt::Display for ViewsReport {
                 }
             }
             Some(Integration::Paths { paths }) => write!(f, "{paths}")?,
+            None if *skipped > 1 => write!(f, "  they were there, made by the same settings")?,
             None => write!(f, "  it was there, made by the same settings")?,
         }
         accuracy.iter().try_for_each(|accuracy| write!(f, "\n{accuracy}"))?;
@@ -162,23 +167,26 @@ impl ViewsReport {
 }
 
 /// Views that are to be rendered.
-struct Views<'v> {
-    settings: &'v RenderSettings,
-    target: Target<'v>,
-    numbers: Vec<usize>,
+pub(super) struct Views<'v> {
+    pub settings: &'v RenderSettings,
+    pub target: Target<'v>,
+    pub numbers: Vec<usize>,
     /// Size of the whole picture that a part goes to a file of.
     whole: Option<[usize; 2]>,
-    capture: Capture,
+    pub capture: Capture,
     scales: DensityScales,
     up: Option<ChosenUp>,
     remarks: Vec<String>,
     /// Meaning of the colors of the transfer function.
-    colors: Option<Colors>,
-    provenance: Provenance,
+    pub colors: Option<Colors>,
+    pub provenance: Provenance,
     /// True if paths were asked for.
-    paths: bool,
+    pub paths: bool,
     cancel: Cancel,
 }
+
+/// Events of a picture, its error where it is stated, and the bound of its error by its scale where one is known.
+type Made = (Counts, Option<PictureError>, Option<f64>);
 
 /// Results of the rendering of views.
 #[derive(Default)]
@@ -194,13 +202,13 @@ impl RenderSettings {
     pub(super) fn run_views(&self, target: Target<'_>, begun: Instant, context: &Context) -> Result<ViewsReport> {
         let (views, subject) = self.read_views(target, context)?;
         views.refuse_overwrite()?;
-        match views.are_there() {
-            true => {
-                context.note(format!("{}: it is there, made by the same settings", self.output.display()));
-                Ok(views.report(Outcome::default()))
-            }
-            false => views.run(subject, begun, context),
+        let left = views.left();
+        if !left.is_empty() {
+            return views.run(subject, &left, begun, context);
         }
+        let are = if views.numbers.len() > 1 { "they are" } else { "it is" };
+        context.note(format!("{}: {are} there, made by the same settings", self.output.display()));
+        Ok(views.report(Outcome::default()))
     }
 
     /// Reads what views show and where they are seen from.
@@ -214,10 +222,6 @@ impl RenderSettings {
         let stated = template.as_ref().map_or(pictures.placed().unwrap_or(1) as usize, |capture| capture.frames.len());
         let numbers = pictures.chosen(stated)?;
         target.holds(numbers.len(), "views", "⟨view=N⟩")?;
-        if self.resume && (numbers.len() > 1 || !self.accuracy.on()) {
-            return Err(Error::invalid("⟨resume⟩: views appear together, when all are there")
-                .hint("give ⟨frames⟩ to render a sequence, picture by picture"));
-        }
         let (subject, transfer) = pictures.subject(template.as_ref(), pictures.limits, &mut provenance)?;
         let remarks = remarks(pictures, (&subject, transfer.as_ref()), template.as_ref());
         remarks.iter().for_each(|remark| context.note(format!("remark: {remark}")));
@@ -264,49 +268,16 @@ impl RenderSettings {
 }
 
 impl Views<'_> {
-    /// Returns the files of each view.
-    fn files(&self) -> impl Iterator<Item = Vec<PathBuf>> {
-        self.capture.frames.iter().map(|frame| self.settings.files_of(&frame.picture))
-    }
-
-    /// Returns how pictures are treated that lie where the views go.
-    fn policy(&self) -> Policy<'_> {
-        let RenderSettings { overwrite, resume, .. } = *self.settings;
-        Policy { own: &self.provenance, keys: Keys::RENDERED, overwrite, resume }
-    }
-
-    /// Makes sure that the outputs replace neither inputs nor files that other settings wrote.
-    fn refuse_overwrite(&self) -> Result<()> {
-        let json = self.target.json();
-        let pictures: Vec<PathBuf> = self.files().flatten().collect();
-        pictures.iter().chain(&json).try_for_each(|path| protected::check(path))?;
-        match json {
-            _ if self.settings.overwrite => Ok(()),
-            Some(json) => earlier::spare_captures(&json, &pictures, &self.provenance),
-            None => pictures.iter().try_for_each(|picture| self.policy().check(picture)),
-        }
-    }
-
-    /// True if an earlier run of the same settings has left the views as they would be, and they are to stay.
-    fn are_there(&self) -> bool {
-        let needs: Vec<PathBuf> = self.provenance.inputs.keys().map(PathBuf::from).collect();
-        let whole =
-            |files: Vec<PathBuf>| self.policy().left(&files, &needs) == Earlier::Whole && !is_stopped(&files[0]);
-        self.files().all(whole) && self.target.json().is_none_or(|json| json.exists())
-    }
-
-    /// Renders the views and writes them.
-    fn run(mut self, subject: Subject, begun: Instant, context: &Context) -> Result<ViewsReport> {
+    /// Renders views, by their places, and writes them.
+    fn run(mut self, subject: Subject, left: &[usize], begun: Instant, context: &Context) -> Result<ViewsReport> {
         let Self { settings, target, paths, .. } = self;
         let pictures = &settings.pictures;
-        // Pictures wait until all are there: an interrupted run must not mix its pictures with those of an earlier one.
-        let mut batch = Batch::new();
-        if let Target::Folder(folder) = target {
-            batch.make_folder(folder)?;
+        // A folder that stays empty is removed again.
+        let mut folder = Batch::new();
+        if let Target::Folder(path) = target {
+            folder.make_folder(path)?;
         }
-        let waiting = self.files().map(|files| files.iter().map(|path| batch.add(path)).collect());
-        let waiting = waiting.collect::<Result<Vec<Vec<PathBuf>>>>()?;
-        let waiting_json = target.json().map(|json| Ok((batch.add(&json)?, json))).transpose()?;
+        left.iter().take(1).try_for_each(|place| atomic::probe(&self.capture.frames[*place].picture))?;
         let scene = pictures.scene(&self.capture, subject).map_err(|e| e.at(&pictures.input))?;
         let (scene, plan) = settings.planned(pictures, scene, paths, context)?;
         plan.iter().for_each(|plan| context.detail(Chosen(plan)));
@@ -315,76 +286,99 @@ impl Views<'_> {
             .map_err(|e| e.at(&pictures.input))?;
         let visibility = Visibility::default();
         settings.accuracy.check_paths(matches!(renderer.renderer, Renderer::Paths(_)))?;
-        let deadline = Deadline::new(begun, &settings.accuracy, self.numbers.len());
-        let (counts, errors, bound) = self.all(&renderer, &scene, &waiting, (deadline, &visibility), context)?;
+        let deadline = Deadline::new(begun, &settings.accuracy, left.len());
+        let subject = (&renderer, &scene, plan.as_ref());
+        let (counts, errors, bound) = self.all(left, subject, (deadline, &visibility), context)?;
+        folder.commit()?;
         for remark in visibility.remarks(self.capture.transfer.is_some(), plan.as_ref()) {
             context.note(format!("remark: {remark}"));
             self.remarks.push(remark);
         }
         self.provenance.lap();
         let way = settings.integration(&renderer, (counts, &errors, bound));
-        if let Some((waiting, json)) = &waiting_json {
-            let mut extra = record(&self.provenance, plan.as_ref());
-            way.record(paths.then(|| pictures.scattering.record(self.colors.as_ref())), &mut extra);
-            transforms::save_for(json, waiting, &pictures.recorded_as(&self.capture, &mut extra), &extra)?;
-        }
-        // Another run may have ended in the folder meanwhile.
-        let _lock = target.json().as_deref().and_then(Path::parent).map(atomic::lock_folder);
-        self.refuse_overwrite()?;
-        batch.commit()?;
-        let views = self.numbers.len();
-        Ok(self.report(Outcome { views, way: Some(way), errors, plan }))
+        Ok(self.report(Outcome { views: left.len(), way: Some(way), errors, plan }))
     }
 
-    /// Renders all views to the files that wait for them. Those whose error is stated come one after the other, since
-    /// each has its time.
+    /// Renders views, by their places, and puts them into place: all when all are there, so that a run which is stopped
+    /// leaves what an earlier one has made; to resume, each when it is there. Those whose error is stated come one after
+    /// the other, since each has its time.
     fn all(
         &self,
-        renderer: &SceneRenderer<'_>,
-        scene: &Scene,
-        waiting: &[Vec<PathBuf>],
+        left: &[usize],
+        subject: (&SceneRenderer<'_>, &Scene, Option<&Plan>),
         (mut deadline, visibility): (Deadline, &Visibility),
         context: &Context,
     ) -> Result<(Counts, Vec<PictureError>, Option<f64>)> {
-        let Self { settings, numbers, whole, provenance, capture, cancel, .. } = self;
-        let bar = context.pictures(numbers.len() as u64, "render");
-        let focus = settings.pictures.focus(scene);
+        let Self { settings, .. } = self;
+        let (renderer, _, plan) = subject;
+        let bar = context.pictures(left.len() as u64, "render");
+        let way = || settings.integration(renderer, (Counts::default(), &[], None));
+        let together = Mutex::new(Batch::new());
         let view = |place: usize, turn: Turn| {
-            let (progress, camera, number) = (bar.picture(), &scene.cameras[place], numbers[place]);
-            let pictured = Pictured { provenance, pictures: &settings.pictures, number, camera, scene, focus };
-            let earlier = pictured.begun(settings, &capture.frames[place].picture);
-            let view = (number, camera.into(), turn);
-            let (rendered, error) = settings.picture(renderer, view, earlier, (cancel, &progress), context)?;
-            // One picture that was stopped is shown as it is. Of several, which appear together, some are missing.
-            if numbers.len() > 1 && error.as_ref().is_some_and(PictureError::is_stopped) {
-                return Err(Error::cancelled());
-            }
-            let Rendered { film, counts } = rendered;
-            visibility.add(&film);
-            let attributes = pictured.attributes(settings, renderer, (&film, error.as_ref()));
-            pictured.write(settings, &waiting[place], (&film, attributes), *whole)?;
-            let bound = match &renderer.renderer {
-                Renderer::Direct(direct) if settings.accuracy.on() => Some(straight::relative_bound(direct, &film)),
-                _ => None,
+            let made = match settings.resume {
+                false => self.view((place, turn), subject, &together, (&bar, visibility), context)?,
+                true => {
+                    let alone = Mutex::new(Batch::new());
+                    let made = self.view((place, turn), subject, &alone, (&bar, visibility), context)?;
+                    self.put(&[place], unlocked(alone), (&way(), plan))?;
+                    made
+                }
             };
-            Ok((counts, error, bound))
+            // One picture that was stopped is shown as it is. Of several, some are missing.
+            match made.1.as_ref().is_some_and(PictureError::is_stopped) && self.numbers.len() > 1 {
+                true => Err(Error::cancelled()),
+                false => Ok(made),
+            }
         };
-        let results: Vec<(Counts, Option<PictureError>, Option<f64>)> = match settings.accuracy.on() {
-            true => (0..numbers.len()).map(|place| view(place, deadline.next())).collect::<Result<_>>()?,
-            false => ordered::try_map((0..numbers.len()).into_par_iter(), |place| view(place, Turn::default()))?,
+        let results: Vec<Made> = match settings.accuracy.on() {
+            true => left.iter().map(|place| view(*place, deadline.next())).collect::<Result<_>>()?,
+            false => ordered::try_map(left.par_iter(), |place| view(*place, Turn::default()))?,
         };
         drop(bar);
+        if !settings.resume {
+            self.put(left, unlocked(together), (&way(), plan))?;
+        }
         let counts = results.iter().fold(Counts::default(), |sum, (counts, ..)| sum.plus(*counts));
         let bound = results.iter().filter_map(|(.., bound)| *bound).reduce(f64::max);
         Ok((counts, results.into_iter().filter_map(|(_, error, _)| error).collect(), bound))
     }
 
+    /// Renders a view to files that wait in a batch.
+    fn view(
+        &self,
+        (place, turn): (usize, Turn),
+        (renderer, scene, _): (&SceneRenderer<'_>, &Scene, Option<&Plan>),
+        batch: &Mutex<Batch>,
+        (bar, visibility): (&Stage, &Visibility),
+        context: &Context,
+    ) -> Result<Made> {
+        let Self { settings, numbers, whole, provenance, capture, cancel, .. } = self;
+        let (progress, camera, number) = (bar.picture(), &scene.cameras[place], numbers[place]);
+        let focus = settings.pictures.focus(scene);
+        let pictured = Pictured { provenance, pictures: &settings.pictures, number, camera, scene, focus };
+        let earlier = pictured.begun(settings, &capture.frames[place].picture);
+        let view = (number, camera.into(), turn);
+        let (rendered, error) = settings.picture(renderer, view, earlier, (cancel, &progress), context)?;
+        let Rendered { film, counts } = rendered;
+        visibility.add(&film);
+        let attributes = pictured.attributes(settings, renderer, (&film, error.as_ref()));
+        let add = |path: &PathBuf| batch.lock().unwrap_or_else(PoisonError::into_inner).add(path);
+        let files = self.files(place).iter().map(add).collect::<Result<Vec<PathBuf>>>()?;
+        pictured.write(settings, &files, (&film, attributes), *whole)?;
+        let bound = match &renderer.renderer {
+            Renderer::Direct(direct) if settings.accuracy.on() => Some(straight::relative_bound(direct, &film)),
+            _ => None,
+        };
+        Ok((counts, error, bound))
+    }
+
     fn report(self, outcome: Outcome) -> ViewsReport {
-        let Self { settings, capture, scales, up, remarks, provenance, .. } = self;
+        let Self { settings, numbers, capture, scales, up, remarks, provenance, .. } = self;
         let Outcome { views, way, errors, plan } = outcome;
         ViewsReport {
             output: settings.output.clone(),
             views,
+            skipped: numbers.len() - views,
             model: capture.model,
             scales,
             way,
@@ -398,10 +392,7 @@ impl Views<'_> {
     }
 }
 
-/// Begins the keys that a capture has beside those of cameras and medium: where it comes from, and how it was planned.
-fn record(provenance: &Provenance, plan: Option<&Plan>) -> Map<String, Value> {
-    let mut extra = Map::new();
-    extra.insert("provenance".into(), json!(provenance));
-    extra.extend(plan.map(|plan| ("plan".to_owned(), json!(plan))));
-    extra
+/// Returns what nobody else holds any more.
+fn unlocked(batch: Mutex<Batch>) -> Batch {
+    batch.into_inner().unwrap_or_else(PoisonError::into_inner)
 }

@@ -22,6 +22,13 @@ const TABLE: &[Examples] = &[
         ],
     ),
     (
+        "capture new",
+        &[
+            "cumulo capture new smoke.vdb --views 24 --layout ring -o turn.json",
+            "cumulo render smoke.vdb --cameras turn.json --frames 1-24 --camera-offset=-1 -o frames",
+        ],
+    ),
+    (
         "compare",
         &[
             "cumulo compare render.exr reference.exr --tolerance 0.01",
@@ -115,6 +122,8 @@ const TABLE: &[Examples] = &[
             "cumulo render smoke.vdb --views 16 --density-scale auto -o shots",
             "cumulo render smoke.vdb --views 1 --albedo 0.9 --sun 1,1,2 --sky 0.1 --samples 64 -o lit",
             "cumulo render 'smoke.####.vdb' --frames 1-24 --views 1 --density-scale auto -o frames",
+            "cumulo render smoke.vdb --frames 0-47 --orbit 48 --density-scale auto -o turntable",
+            "cumulo render 'smoke.####.vdb' --frames 1-24 --views 1 -o frames --openjd job       # a job for a farm",
             "cumulo render found.vdb --cameras shots -o again",
             "cumulo render ct.vdb --tf ct-bone --tf-range 0,1 --from anterior,left -o bone",
         ],

@@ -11,10 +11,12 @@ const SOLVER: &str = "Solver";
 const TRANSFER: &str = "Transfer function";
 const COMPARISON: &str = "Comparison";
 const FIGURE: &str = "Figure";
+const FARMS: &str = "Farms";
 const GENERAL: &str = "General";
 
 /// Options under each heading, by their identifiers.
-const TABLE: [(&str, &[&str]); 12] = [
+const TABLE: [(&str, &[&str]); 13] = [
+    (FARMS, &["openjd", "openjd_chunk", "openjd_seconds"]),
     (
         FIGURE,
         &[
@@ -68,6 +70,8 @@ const TABLE: [(&str, &[&str]); 12] = [
             "crop",
             "cameras",
             "camera",
+            "camera_offset",
+            "orbit",
             "camera_path",
             "pictures",
             "target",

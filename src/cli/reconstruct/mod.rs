@@ -4,6 +4,7 @@ mod color;
 mod density;
 mod tf;
 
+use super::job::OrJob;
 use crate::app::reconstruct::{ColorSettings, DensitySettings, TransferFunctionSettings};
 
 /// Reconstruct from multi-view pictures
@@ -11,11 +12,11 @@ use crate::app::reconstruct::{ColorSettings, DensitySettings, TransferFunctionSe
 pub(crate) enum Reconstruct {
     /// Density from absorption or emission-absorption pictures.
     #[command(name = "density")]
-    Density(Box<DensitySettings>),
+    Density(Box<OrJob<DensitySettings>>),
     /// Pre-shaded volume: extinctions, and emissions in R, G and B.
     #[command(name = "color", alias = "colour")]
-    Color(Box<ColorSettings>),
+    Color(Box<OrJob<ColorSettings>>),
     /// Transfer function of a known volume.
     #[command(name = "tf")]
-    Tf(Box<TransferFunctionSettings>),
+    Tf(Box<OrJob<TransferFunctionSettings>>),
 }
