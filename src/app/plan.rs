@@ -1,9 +1,8 @@
 //! Which effects of a scene are simulated, at what cost, and what is left out.
 
 use super::pictures::renderer::LeftOut;
-use super::pictures::{Cameras, PictureSettings};
+use super::pictures::{Cameras, PictureSettings, remarks};
 use super::provenance::Provenance;
-use super::render::remarks;
 use super::sequence;
 use super::up::ChosenUp;
 use crate::app::Context;

@@ -22,13 +22,12 @@ pub use merge::{MergeReport, MergeSettings};
 pub use views::ViewsReport;
 
 use crate::app::Context;
-use crate::app::checks::{Warning, values};
+
 use crate::app::context::Picture;
 use crate::app::inputs;
 use crate::app::pictures::PictureSettings;
 use crate::app::pictures::renderer::SceneRenderer;
 use crate::app::pictures::scattering::{Paths, ScatteringSettings};
-use crate::app::pictures::subject::Subject;
 use crate::app::provenance::Provenance;
 use crate::app::ranges;
 use crate::app::use_case::{Report, Status, use_case};
@@ -43,8 +42,6 @@ use crate::render::tiles::Watch;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::scene::Scene;
-use crate::scene::transfer::Transfer;
-use crate::scene::volume::Grids;
 use accuracy::{Made, Measured, PictureError, Turn};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -337,24 +334,6 @@ impl RenderSettings {
         let sampling = self.pictures.sampling(renderer, number);
         renderer.renderer.render(view, sampling, &self.aov, watch)
     }
-}
-
-/// Returns the remarks on a subject, its cameras and its lights.
-pub(in crate::app) fn remarks(
-    pictures: &PictureSettings,
-    (subject, transfer): (&Subject, Option<&Transfer>),
-    template: Option<&Capture>,
-) -> Vec<String> {
-    let cameras = template.filter(|_| subject.is_scene()).map_or(&[][..], |capture| &capture.remarks);
-    let lights = if subject.is_scene() { None } else { pictures.other_light() };
-    let unmet = match (subject, transfer) {
-        (Subject::Grids { grids: Grids::Density(field), .. }, Some(transfer)) => {
-            values::unmet(field, transfer, pictures.transfer.unit())
-        }
-        _ => None,
-    };
-    let unmet = unmet.map(|Warning { what, remedy }| format!("{what}; {remedy}"));
-    subject.remarks().iter().chain(cameras).cloned().chain(lights).chain(unmet).collect()
 }
 
 /// Refuses pictures that do not fit in memory, one for each thread: pixels, samples and bytes of the file, and
