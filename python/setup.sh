@@ -1,7 +1,9 @@
 #!/usr/bin/env bash
 # Makes this machine ready: Debian packages that are missing, and the Python environments under .venvs/.
 #
-#   python/setup.sh [build] [bpy] [usd] [mitsuba] [imaging] [torch] [wheel] [bench]      all but bench when none is named
+#   python/setup.sh [build] [bpy] [usd] [mitsuba] [imaging] [torch] [wheel] [dist] [debian] [bench]
+#
+# All but debian and bench when none is named.
 #
 # What is there already is left alone, so a second run does nothing; an environment counts as there
 # only when its stamp, written last, names the same requirements, so an interrupted install is redone.
@@ -16,6 +18,10 @@ bpy_packages="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libxext6 libs
 
 # MRI of heads, as images to convert; NanoVDB's own converter; videos.
 imaging_packages="mricron-data libnanovdb-tools ffmpeg"
+
+# A system without any library, in which the archive is tried; other releases of Debian.
+dist_packages="xz-utils busybox-static"
+debian_packages="debootstrap"
 
 # What compares volumes, and compiles OpenVDB's side of the comparison; the MRI of a head.
 bench_packages="$build_packages python3-numpy mricron-data"
@@ -107,7 +113,7 @@ make_environment() {
     printf '%s\n' "$wanted" >"$stamp"
 }
 
-[ $# -gt 0 ] || set -- build bpy usd mitsuba imaging torch wheel
+[ $# -gt 0 ] || set -- build bpy usd mitsuba imaging torch wheel dist
 # One set-up at a time: two would tear down each other's environments.
 mkdir -p .venvs
 if command -v flock >/dev/null; then
@@ -135,11 +141,19 @@ for part in "$@"; do
         ;;
     torch) make_environment torch 3 torch ;;
     wheel) make_environment wheel 3 maturin ;;
+    dist)
+        # shellcheck disable=SC2086
+        install_packages $dist_packages
+        ;;
+    debian)
+        # shellcheck disable=SC2086
+        install_packages $debian_packages
+        ;;
     bench)
         # shellcheck disable=SC2086
         install_packages $bench_packages
         make_environment bench 3 numba
         ;;
-    *) die "unknown part '$part'; give build, bpy, usd, mitsuba, imaging, torch, wheel or bench" ;;
+    *) die "unknown part '$part'; give build, bpy, usd, mitsuba, imaging, torch, wheel, dist, debian or bench" ;;
     esac
 done
