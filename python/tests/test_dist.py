@@ -14,9 +14,9 @@ BUSYBOX = shutil.which("busybox")
 # The first commands of README.md, of small pictures: their exit codes, and what they write.
 FIRST = [
     ("view smoke.vdb -o smoke.png", 0, "smoke.png"),
-    ("render smoke.vdb --views 1 --size 32 --density-scale auto --albedo 0.96 --sun=-1,0.6,0.7 --sun-color 9 "
+    ("render smoke.vdb --views 1 --size 32x32 --density-scale auto --albedo 0.96 --sun=-1,0.6,0.7 --sun-color 9 "
      "--sky 0.1,0.2,0.4 --samples 4 -o lit.png", 0, "lit.png"),
-    ("render smoke.vdb --views 6 --size 32 --density-scale auto -o shots", 0, "shots/transforms.json"),
+    ("render smoke.vdb --views 6 --size 32x32 --density-scale auto -o shots", 0, "shots/transforms.json"),
     ("reconstruct density shots -o found.vdb --iterations 4 --report page", 0, "page"),
     ("diff smoke.vdb found.vdb", 1, None),
     ("info smoke.vdb found.vdb", 0, None),
