@@ -1,7 +1,7 @@
 # Every target makes what it needs: Debian packages where they are missing, Python environments, the
 # program. A second run finds it all there.
 .DEFAULT_GOAL := demo
-.PHONY: demo test fuzz soak coverage check bench build mpi setup share install deb wheel addon clean
+.PHONY: demo test fuzz soak coverage check bench build mpi setup share install dist deb wheel addon clean
 
 export CUMULO := $(CURDIR)/target/release/cumulo
 export PYTHONDONTWRITEBYTECODE := 1
@@ -9,8 +9,15 @@ export PYTHONDONTWRITEBYTECODE := 1
 export PATH := $(PATH):$(HOME)/.cargo/bin
 CARGO_TARGET_DIR := $(CURDIR)/target
 export CARGO_TARGET_DIR
-# What `cumulo --version` states; a source archive has no commit.
-export CUMULO_COMMIT := $(if $(wildcard .git),$(shell git describe --always --dirty --abbrev=12 --exclude '*' 2>/dev/null))
+# What `cumulo --version` states, and the time of what is packed: the commit, and its date or SOURCE_DATE_EPOCH. A source
+# archive has no commit.
+ifneq ($(wildcard .git),)
+SOURCE_DATE_EPOCH ?= $(shell git show --no-patch --format=%ct 2>/dev/null)
+CUMULO_COMMIT ?= $(shell git describe --always --dirty --abbrev=12 --exclude '*' 2>/dev/null), $(shell \
+	date --utc --date=@$(SOURCE_DATE_EPOCH) +%F)
+endif
+CUMULO_COMMIT := $(CUMULO_COMMIT)
+export CUMULO_COMMIT
 
 # `make demo BLENDER=1` reconstructs from pictures that Cycles rendered.
 BLENDER ?=
@@ -102,9 +109,22 @@ install: share ## the program, built before by `make build` or `make demo`, with
 	install -D -m 644 $(SHARE)/completions/_cumulo $(DESTDIR)$(PREFIX)/share/zsh/site-functions/_cumulo
 	install -D -m 644 $(SHARE)/completions/cumulo.fish $(DESTDIR)$(PREFIX)/share/fish/vendor_completions.d/cumulo.fish
 
-deb: build share ## target/debian/cumulo_*.deb, for this release of Debian or Ubuntu
-	command -v cargo-deb > /dev/null || cargo install --locked cargo-deb
-	cargo deb --no-build --locked
+# Packages and archives have the sources' time, so that the same sources make the same bytes.
+dist deb: export SOURCE_DATE_EPOCH := $(or $(SOURCE_DATE_EPOCH),$(shell stat --format=%Y Cargo.toml))
+
+dist: build share ## target/dist/cumulo-*.tar.xz, with all libraries inside: unpack it on any Linux of this kind of machine
+	python/setup.sh dist
+	python/dist.sh
+
+# `make deb DEBIAN=trixie` makes the package of another release.
+DEBIAN ?=
+
+deb: $(if $(DEBIAN),,build share) ## target/debian/cumulo_*.deb, for this release of Debian or Ubuntu
+ifneq ($(DEBIAN),)
+	python/debian.sh $(DEBIAN)
+else
+	python/deb.sh
+endif
 
 wheel: ## target/wheels/cumulo-*.whl, with OpenVDB inside: `pip install` it on a machine that has none of it
 	python/wheel.sh

@@ -2,7 +2,7 @@
 //! documentation alone is built, it takes the declarations that are kept beside the header.
 
 use std::path::{Path, PathBuf};
-use std::process::exit;
+use std::process::{Command, exit};
 
 const PACKAGES: &str = "libopenvdb-dev libboost-dev libclang-dev g++";
 
@@ -34,6 +34,11 @@ fn main() {
     println!("cargo:rerun-if-env-changed=OPENVDB_LIB_DIR");
 
     println!("cargo:rerun-if-env-changed=DOCS_RS");
+    // `cumulo --version` states them.
+    let compiler = std::env::var_os("RUSTC").and_then(|rustc| Command::new(rustc).arg("--version").output().ok());
+    let compiler = compiler.map(|out| String::from_utf8_lossy(&out.stdout).trim().to_owned()).unwrap_or_default();
+    println!("cargo:rustc-env=CUMULO_COMPILER={compiler}");
+    println!("cargo:rustc-env=CUMULO_TARGET={}", std::env::var("TARGET").unwrap_or_default());
     let out = std::env::var_os("OUT_DIR").map(PathBuf::from).unwrap_or_default().join("vdb_ffi.rs");
     if std::env::var_os("DOCS_RS").is_some() {
         // The documentation links nothing, and is built where no OpenVDB is.

@@ -1,7 +1,9 @@
 #!/usr/bin/env bash
 # Makes this machine ready: Debian packages that are missing, and the Python environments under .venvs/.
 #
-#   python/setup.sh [build] [bpy] [usd] [mitsuba] [imaging] [torch] [wheel] [mpi] [bench]      all but bench when none is named
+#   python/setup.sh [build] [bpy] [usd] [mitsuba] [imaging] [torch] [wheel] [mpi] [dist] [debian] [bench]
+#
+# All but debian and bench when none is named.
 #
 # What is there already is left alone, so a second run does nothing; an environment counts as there
 # only when its stamp, written last, names the same requirements, so an interrupted install is redone.
@@ -19,6 +21,10 @@ imaging_packages="mricron-data libnanovdb-tools ffmpeg"
 
 # MPI, with which the program for clusters is linked.
 mpi_packages="libopenmpi-dev openmpi-bin libclang-dev"
+
+# A system without any library, in which the archive is tried; other releases of Debian.
+dist_packages="xz-utils busybox-static"
+debian_packages="debootstrap"
 
 # What compares volumes, and compiles OpenVDB's side of the comparison; the MRI of a head.
 bench_packages="$build_packages python3-numpy mricron-data"
@@ -110,7 +116,7 @@ make_environment() {
     printf '%s\n' "$wanted" >"$stamp"
 }
 
-[ $# -gt 0 ] || set -- build bpy usd mitsuba imaging torch wheel mpi
+[ $# -gt 0 ] || set -- build bpy usd mitsuba imaging torch wheel mpi dist
 # One set-up at a time: two would tear down each other's environments.
 mkdir -p .venvs
 if command -v flock >/dev/null; then
@@ -142,11 +148,19 @@ for part in "$@"; do
         # shellcheck disable=SC2086
         install_packages $mpi_packages
         ;;
+    dist)
+        # shellcheck disable=SC2086
+        install_packages $dist_packages
+        ;;
+    debian)
+        # shellcheck disable=SC2086
+        install_packages $debian_packages
+        ;;
     bench)
         # shellcheck disable=SC2086
         install_packages $bench_packages
         make_environment bench 3 numba
         ;;
-    *) die "unknown part '$part'; give build, bpy, usd, mitsuba, imaging, torch, wheel, mpi or bench" ;;
+    *) die "unknown part '$part'; give build, bpy, usd, mitsuba, imaging, torch, wheel, mpi, dist, debian or bench" ;;
     esac
 done

@@ -7,15 +7,12 @@ python/setup.sh build wheel
 PATH=$PWD/.venvs/wheel/bin:$PATH:${HOME:-/root}/.cargo/bin
 cargo build --release --locked -p cumulo -p cumulo-python
 
-# The licenses of the libraries that come along, as Debian states them.
+# The licenses of the libraries that come along.
 licenses=python/cumulo/licenses
 rm -rf "$licenses" target/wheels
-mkdir -p "$licenses"
 trap 'rm -rf "$licenses"' EXIT
-ldd target/release/lib_native.so | awk '$2 == "=>" {print $3}' | while read -r library; do
-    package=$(dpkg -S "$(readlink -f "$library")" "$library" "/usr$library" 2>/dev/null | head -1 | cut -d: -f1) || true
-    [ ! -f "/usr/share/doc/$package/copyright" ] || cp "/usr/share/doc/$package/copyright" "$licenses/$package.txt"
-done
+mapfile -t libraries < <(ldd target/release/lib_native.so | awk '$2 == "=>" {print $3}')
+python/licenses.sh "$licenses" "${libraries[@]}"
 
 (cd python && maturin build --release --locked --auditwheel repair --out ../target/wheels --target-dir ../target)
 ls -l target/wheels >&2

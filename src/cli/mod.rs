@@ -73,6 +73,7 @@ use reconstruct::Reconstruct;
 use run::Run;
 use std::ffi::{OsStr, OsString};
 use std::io::Write;
+use std::path::PathBuf;
 use study::Study;
 use usd::UsdCommand;
 
@@ -228,7 +229,8 @@ impl Arguments {
     /// # Errors
     /// If they are none of the program's, or ask for its help or version.
     pub fn read(words: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
-        let mut matches = command().try_get_matches_from(words)?;
+        // Manual pages, which are made of the command as well, state no machine.
+        let mut matches = command().long_version(version::long()).try_get_matches_from(words)?;
         let path = path_of(&matches);
         let arguments = Self::from_arg_matches_mut(&mut matches)?;
         Ok(Self { path, ..arguments })
@@ -248,8 +250,8 @@ fn path_of(matches: &ArgMatches) -> String {
 
 /// Runs the program on the words of a command line, its own name first, and returns its exit code: 0 success, 1 a check
 /// found something, 2 an error, and 128 with a signal's number, such as 130 of Ctrl-C, for work that was stopped.
-/// Errors are printed, as JSON too with `--json`. `commit` is the one that the program was built from, if the build knew
-/// it.
+/// Errors are printed, as JSON too with `--json`. `commit` is the one that the program was built from, and its date,
+/// if the build knew them.
 pub fn main(words: Vec<OsString>, commit: Option<&str>) -> u8 {
     version::of_commit(commit);
     speak_as(flags::option);
@@ -327,6 +329,15 @@ fn mistake(text: &str) -> String {
     lines.join(" ").trim_start_matches("error: ").to_owned()
 }
 
+/// Returns the path by which this program is started once more. Where a loader runs it with the libraries beside it, the
+/// file of the process is the loader, and the launcher's absolute path is the program's own word; so it is where
+/// `/proc` is missing.
+fn own_program(process: Option<PathBuf>, word: Option<OsString>) -> Option<PathBuf> {
+    let loader = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("ld-"));
+    let launcher = word.map(PathBuf::from).filter(|path| path.is_absolute());
+    process.filter(|path| !loader(path)).or(launcher)
+}
+
 /// Runs the command line.
 ///
 /// # Errors
@@ -347,7 +358,7 @@ fn run(arguments: Arguments) -> Result<u8> {
         Error::invalid(format!("the threads cannot be started: {e}"))
             .hint("give fewer to --threads, or raise the limit on processes (ulimit -u)")
     })?;
-    if let Ok(program) = std::env::current_exe() {
+    if let Some(program) = own_program(std::env::current_exe().ok(), std::env::args_os().next()) {
         helper::set_program(program);
     }
     vdb::on_terminate(process::abandon);
@@ -371,6 +382,16 @@ mod tests {
         assert_eq!(named("cumulo --threads 4 --json reconstruct -q density --bad"), "reconstruct density");
         assert_eq!(named("cumulo --threads=4 info"), "info");
         assert_eq!((named("cumulo --json"), named("cumulo nonsense info")), (String::new(), String::new()));
+    }
+
+    #[test]
+    fn a_program_behind_a_loader_is_started_by_its_launcher() {
+        let own = |process: Option<&str>, word: &str| own_program(process.map(PathBuf::from), Some(word.into()));
+        assert_eq!(own(Some("/usr/bin/cumulo"), "cumulo"), Some("/usr/bin/cumulo".into()));
+        let launcher = Some("/opt/cumulo/bin/cumulo".into());
+        assert_eq!(own(Some("/opt/lib/ld-linux-x86-64.so.2"), "/opt/cumulo/bin/cumulo"), launcher);
+        assert_eq!(own(None, "/opt/cumulo/bin/cumulo"), launcher);
+        assert_eq!(own(None, "cumulo"), None);
     }
 
     /// Words of a script's defaults are often followed by those that its user gives.

@@ -28,10 +28,16 @@ fn harmless(out: &Output) {
 #[test]
 fn program_and_package_state_one_version() {
     let version = env!("CARGO_PKG_VERSION");
-    let text = Work::new().text("--version");
-    // A build of a checkout by `make` states its commit, too.
+    let work = Work::new();
+    let text = work.text("-V");
+    // A build of a checkout by `make` states its commit, too, and the commit's date.
     let rest = text.trim().strip_prefix(&format!("cumulo {version}")).unwrap();
     assert!(rest.is_empty() || rest.starts_with(" (commit "), "{text}");
+    let long = work.text("--version");
+    let facts: Vec<&str> =
+        long.lines().skip(1).filter_map(|line| line.split_once(": ")).map(|(name, _)| name).collect();
+    assert!(long.starts_with(&text) && text.lines().count() == 1, "{text}{long}");
+    assert_eq!(facts, ["OpenVDB", "Instructions", "Target", "Compiler"], "{long}");
     // The package has the version of its native module, which is the workspace's, as the program's is.
     assert!(include_str!("../../python/cumulo/__init__.py").contains("__version__ = _native.__version__"));
     assert!(include_str!("../../src/python/Cargo.toml").contains("version.workspace = true"));

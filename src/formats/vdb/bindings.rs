@@ -111,6 +111,9 @@ pub struct cumulo_vdb_tile {
     pub active: i32,
 }
 unsafe extern "C" {
+    pub fn cumulo_vdb_version() -> *const ::std::os::raw::c_char;
+}
+unsafe extern "C" {
     pub fn cumulo_vdb_on_terminate(
         handler: ::std::option::Option<unsafe extern "C" fn(what: *const ::std::os::raw::c_char)>,
     );

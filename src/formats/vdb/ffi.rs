@@ -26,7 +26,7 @@ pub(super) use generated::{
     cumulo_vdb_meta as RawMeta, cumulo_vdb_meta_count as meta_count, cumulo_vdb_meta_entry as MetaEntry,
     cumulo_vdb_meta_free as meta_free, cumulo_vdb_meta_get as meta_get, cumulo_vdb_meta_new as meta_new,
     cumulo_vdb_meta_set as meta_set, cumulo_vdb_on_terminate as on_terminate, cumulo_vdb_tile as RawTile,
-    cumulo_vdb_tiles as tiles, cumulo_vdb_touch as touch, cumulo_vdb_write as write,
+    cumulo_vdb_tiles as tiles, cumulo_vdb_touch as touch, cumulo_vdb_version as version, cumulo_vdb_write as write,
 };
 
 use crate::error::{Code, Error, Result};

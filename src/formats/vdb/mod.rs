@@ -66,6 +66,13 @@ pub(crate) fn on_terminate(end: fn(&str) -> !) {
     unsafe { ffi::on_terminate(Some(called)) }
 }
 
+/// Returns the version of OpenVDB, such as `10.0.1`.
+pub(crate) fn version() -> String {
+    // SAFETY: the shim returns a NUL-terminated constant.
+    let version = unsafe { CStr::from_ptr(ffi::version()) };
+    ffi::printable(version.to_bytes())
+}
+
 /// Refuses grids that are no density: level sets hold distances, staggered grids velocities.
 ///
 /// # Errors

@@ -79,6 +79,10 @@ typedef struct cumulo_vdb_tile {
     int32_t active;
 } cumulo_vdb_tile;
 
+/* Version of OpenVDB: "10.0.1". Its major and minor number are those of the library that is loaded, whose symbols have
+ * them in their names. */
+const char* cumulo_vdb_version(void);
+
 /* What is called in the place of an abort where the library throws and nobody can catch it: out of destructors and of
  * its own threads. The handler must not return. */
 void cumulo_vdb_on_terminate(void (*handler)(const char* what));

@@ -180,6 +180,8 @@ template <typename M> bool put_matrix(const Metadata& m, cumulo_vdb_meta_entry* 
 
 extern "C" {
 
+const char* cumulo_vdb_version(void) { return getLibraryVersionString(); }
+
 static void (*end_of_all)(const char*) = nullptr;
 
 void cumulo_vdb_on_terminate(void (*handler)(const char* what)) {
