@@ -109,21 +109,22 @@ install: share ## the program, built before by `make build` or `make demo`, with
 	install -D -m 644 $(SHARE)/completions/_cumulo $(DESTDIR)$(PREFIX)/share/zsh/site-functions/_cumulo
 	install -D -m 644 $(SHARE)/completions/cumulo.fish $(DESTDIR)$(PREFIX)/share/fish/vendor_completions.d/cumulo.fish
 
-# Packages and archives have the sources' time, so that the same sources make the same bytes.
-dist deb: export SOURCE_DATE_EPOCH := $(or $(SOURCE_DATE_EPOCH),$(shell stat --format=%Y Cargo.toml))
+# Packages and archives have the sources' time, so that the same sources make the same bytes. It is not for the build,
+# whose C code would be compiled anew.
+DATED := SOURCE_DATE_EPOCH=$(or $(SOURCE_DATE_EPOCH),$(shell stat --format=%Y Cargo.toml))
 
 dist: build share ## target/dist/cumulo-*.tar.xz, with all libraries inside: unpack it on any Linux of this kind of machine
 	python/setup.sh dist
-	python/dist.sh
+	$(DATED) python/dist.sh
 
 # `make deb DEBIAN=trixie` makes the package of another release.
 DEBIAN ?=
 
 deb: $(if $(DEBIAN),,build share) ## target/debian/cumulo_*.deb, for this release of Debian or Ubuntu
 ifneq ($(DEBIAN),)
-	python/debian.sh $(DEBIAN)
+	$(DATED) python/debian.sh $(DEBIAN)
 else
-	python/deb.sh
+	$(DATED) python/deb.sh
 endif
 
 wheel: ## target/wheels/cumulo-*.whl, with OpenVDB inside: `pip install` it on a machine that has none of it

@@ -84,6 +84,9 @@ def test_the_first_commands_run_where_no_library_is(folder, points):
     root = folder.parents[1]
     (root / "bin").mkdir()
     shutil.copy(BUSYBOX, root / "bin" / "sh")
+    # What a container has, and the start of a process needs.
+    (root / "dev").mkdir()
+    (root / "dev" / "null").touch()
     (root / "work").mkdir()
     shutil.copy(ROOT / "fixtures" / "plume.vdb", root / "work" / "smoke.vdb")
     shutil.copy(points, root / "work")
@@ -93,7 +96,7 @@ def test_the_first_commands_run_where_no_library_is(folder, points):
     start = f'cd /work && LD_LIBRARY_PATH=/work LD_PRELOAD=/work/libc.so.6 exec {program} "$@"'
 
     def alone(words, code=0):
-        return run(["chroot", root, "/bin/sh", "-c", start, "sh", *words.split()], code, env={})
+        return run([shutil.which("chroot"), root, "/bin/sh", "-c", start, "sh", *words.split()], code, env={})
 
     for words, code, made in FIRST:
         alone(words, code)
