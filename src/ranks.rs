@@ -40,14 +40,23 @@ pub fn is_alone() -> bool {
     others().is_none()
 }
 
+/// Returns true if these bytes, as many in each process, are those of the first one.
+pub fn is_common(bytes: &[u8]) -> bool {
+    let Some(all) = others() else { return true };
+    let mut first = bytes.to_vec();
+    all.broadcast(0, &mut first);
+    first == bytes
+}
+
 /// Returns the messages to other processes, if there are some.
 fn others() -> Option<&'static dyn Messages> {
     MESSAGES.get().map(|all| &**all).filter(|all| all.count() > 1)
 }
 
-/// Returns the partitions of process `rank` among `count`.
+/// Returns the partitions of process `rank` among `count`. The first process has the first one, to which the others are
+/// added.
 fn share(partitions: usize, rank: usize, count: usize) -> Range<usize> {
-    rank * partitions / count..(rank + 1) * partitions / count
+    (rank * partitions).div_ceil(count)..((rank + 1) * partitions).div_ceil(count)
 }
 
 /// Returns the partitions that this process computes.
@@ -115,13 +124,14 @@ mod tests {
             for count in [1, 2, 3, 5, 16, 40] {
                 let all: Vec<usize> = (0..count).flat_map(|rank| share(partitions, rank, count)).collect();
                 assert_eq!(all, (0..partitions).collect::<Vec<_>>(), "{partitions} among {count}");
+                assert!(partitions == 0 || share(partitions, 0, count).contains(&0), "{partitions} among {count}");
             }
         }
     }
 
     #[test]
     fn one_process_has_its_own_sums() {
-        assert!(is_first() && is_alone());
+        assert!(is_first() && is_alone() && is_common(&[1, 2]));
         assert_eq!(own(16), 0..16);
         assert_eq!(gathered(vec![1.5, 2.5], 2, || 0.0, |v| vec![v]), [1.5, 2.5]);
         let mut total = [1.0_f32, 2.0, 3.0];

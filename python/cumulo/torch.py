@@ -72,6 +72,8 @@ def _tensor(value: Any, what: str) -> Tensor:
 
 def look_at(eye: Tensor, target: Any = (0.0, 0.0, 0.0), up: Any = (0.0, 0.0, 1.0)) -> Tensor:
     """Camera-to-world matrices [..., 4, 4] of cameras at `eye` [..., 3] that look at `target`, with derivatives."""
+    if not isinstance(eye, Tensor):
+        raise invalid(f"an object of type {type(eye).__name__}; a tensor is expected", "eye", "give torch.tensor(eye)")
     target, up = (torch.as_tensor(v, dtype=eye.dtype).expand(eye.shape) for v in (target, up))
     back = torch.nn.functional.normalize(eye - target, dim=-1)
     right = torch.nn.functional.normalize(torch.linalg.cross(up, back), dim=-1)

@@ -16,6 +16,8 @@ from cumulo import arrays
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = pathlib.Path(os.environ.get("CUMULO_MPI") or ROOT / "target" / "release" / "cumulo-mpi")
 COUNTS = (1, 2, 3, 5)
+# Commands whose sums have few parts: with more processes than parts some have none.
+MANY = {"colors": 7, "density": 17}
 # Commands whose passes over rays the processes share; their outputs are `found.vdb`.
 COMMANDS = {
     "density": "reconstruct density {0}/depths --resolution 20 --iterations 4 -o {1}/found.vdb",
@@ -64,7 +66,7 @@ def grids_of(path):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_results_do_not_depend_on_the_number_of_processes(world, tmp_path, name):
     results = []
-    for count in COUNTS:
+    for count in (*COUNTS, *([MANY[name]] if name in MANY else [])):
         folder = tmp_path / str(count)
         folder.mkdir()
         report = run(count, COMMANDS[name].format(world, folder))
@@ -100,6 +102,18 @@ def test_a_killed_process_loses_nothing_that_was_kept(world, tmp_path):
     anew = run(2, line, "--iterations", "2")
     assert on["history"][0]["loss"] < 0.5 * anew["history"][-1]["loss"]
     assert [p.name for p in tmp_path.iterdir()] == ["found.vdb"]
+
+
+def test_a_process_that_reads_other_pictures_is_refused(world, tmp_path):
+    for number, source in enumerate(("depths", "glow")):
+        shutil.copytree(world / source, tmp_path / f"{number}" / "shots")
+    script = tmp_path / "own.sh"
+    script.write_text(f'#!/bin/sh\ncd {tmp_path}/$OMPI_COMM_WORLD_RANK && exec {PROGRAM} "$@"\n', encoding="ascii")
+    script.chmod(0o755)
+    line = words(2, f"reconstruct density shots --resolution 8 --iterations 1 -o {tmp_path}/found.vdb")
+    line[line.index(str(PROGRAM))] = str(script)
+    done = subprocess.run(line, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2 and "process 1" in done.stderr and "other pictures" in done.stderr, done.stderr
 
 
 def test_mistakes_are_said_once_and_end_all(world, tmp_path):

@@ -104,6 +104,13 @@ impl Provenance {
         Ok(())
     }
 
+    /// Returns a hash of the hashes of all inputs so far.
+    pub(crate) fn hash_of_inputs(&self) -> [u8; 32] {
+        let mut hash = Sha256::new();
+        self.inputs.values().for_each(|input| hash.update(input));
+        hash.finalize().into()
+    }
+
     /// Adds inputs that are one file each, or folders of which every file counts. A file that several frames depend on
     /// is read once.
     ///

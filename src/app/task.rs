@@ -13,6 +13,7 @@ use crate::formats::captures;
 use crate::formats::limits::Limits;
 use crate::formats::protected;
 use crate::inverse::observation::photo::Photo;
+use crate::ranks;
 use crate::scene::capture::Capture;
 use serde::Serialize;
 use std::ops::ControlFlow;
@@ -113,6 +114,11 @@ impl Task {
         let pictures = capture.frames.iter().map(|f| f.picture.as_path());
         let files = captures::files(json);
         self.provenance.input(json, files.iter().map(PathBuf::as_path).chain(pictures))?;
+        if !ranks::is_common(&self.provenance.hash_of_inputs()) {
+            return Err(Error::invalid("this process reads other pictures than the first one")
+                .at(json)
+                .hint("give all processes the same files"));
+        }
         let findings = checks::pictures::pictures(&facts, capture, emission);
         drop(bar);
         let mut warnings = checks::refuse(findings).map_err(|e| e.at(json))?;

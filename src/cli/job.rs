@@ -13,7 +13,7 @@ use std::any::TypeId;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-/// Options of commands whose work a job can do.
+// No doc comment: it would be the description of each command that has these options.
 #[derive(Debug, clap::Args)]
 struct JobArgs {
     /// Write a job bundle of Open Job Description, which AWS Deadline Cloud and `openjd run` run, in place of the work:

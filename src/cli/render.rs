@@ -36,7 +36,7 @@ struct RenderArgs {
     /// Add this to the number of a frame for that of its camera: with -1 frame 1 takes the camera of view_000
     #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, requires = "cameras")]
     camera_offset: i32,
-    /// Turn the camera about the up axis, once in N frames: frame F is seen from the angle 360 F / N, 0 being the front
+    /// Turn the camera about the up axis, once in N frames: frame F is seen from view F of --views N --layout ring
     #[arg(
         long,
         value_name = "N",

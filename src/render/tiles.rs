@@ -92,7 +92,8 @@ pub(crate) fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
     of_partitions(0..partitions.len(), partitions, cancel, units, begin, work)
 }
 
-/// As [`partitions`], of those alone that this process has among [`ranks`].
+/// Sums over the units of the partitions that this process has among [`ranks`], as [`partitions`] does over those of
+/// all.
 pub(crate) fn own_partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
     partitions: &mut [P],
     cancel: &Cancel,

@@ -126,11 +126,11 @@ pub(super) struct Chunks {
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 pub(super) enum RangeConstraint {
-    /// Those from a first to a last one.
+    /// All values from a first to a last one.
     Contiguous,
 }
 
-/// What a host must have.
+/// Amounts of resources that a host must have.
 #[derive(Debug, Serialize)]
 pub(super) struct HostRequirements {
     pub amounts: Vec<Amount>,
@@ -150,7 +150,7 @@ impl HostRequirements {
     }
 }
 
-/// What a task does.
+/// Actions that a task runs.
 #[derive(Debug, Serialize)]
 pub(super) struct Script {
     pub actions: Actions,
@@ -175,7 +175,7 @@ pub(super) struct Action {
 #[derive(Debug, Serialize)]
 #[serde(tag = "mode", rename_all = "SCREAMING_SNAKE_CASE")]
 pub(super) enum Cancelation {
-    /// By a signal upon which the program writes what it has, and some time later by force.
+    /// A signal, upon which the program writes what it has, and an end by force some time later.
     #[serde(rename_all = "camelCase")]
     NotifyThenTerminate { notify_period_in_seconds: u32 },
 }

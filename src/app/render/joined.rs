@@ -44,7 +44,7 @@ impl Views<'_> {
             }
             Some(json) => {
                 earlier::spare_captures(&json, &pictures, &self.provenance)?;
-                self.kept(&json, &BTreeSet::new()).map(drop)
+                self.other_views(&json, &BTreeSet::new()).map(drop)
             }
             None => pictures.iter().try_for_each(|picture| self.policy().check(picture)),
         }
@@ -79,7 +79,7 @@ impl Views<'_> {
     ///
     /// # Errors
     /// If other runs have made views of other content, and they are not to be replaced.
-    fn kept(&self, json: &Path, now: &BTreeSet<&Path>) -> Result<Vec<Frame>> {
+    fn other_views(&self, json: &Path, now: &BTreeSet<&Path>) -> Result<Vec<Frame>> {
         let Some(capture) = self.standing(json) else { return Ok(Vec::new()) };
         let others = |frame: &Frame| !now.contains(frame.picture.as_path()) && frame.picture.exists();
         let frames: Vec<Frame> = capture.frames.into_iter().filter(others).collect();
@@ -118,7 +118,7 @@ impl Views<'_> {
         let _lock = json.parent().map(atomic::lock_folder);
         self.refuse_overwrite()?;
         let mut frames: Vec<Frame> = places.iter().map(|place| self.capture.frames[*place].clone()).collect();
-        let kept = self.kept(&json, &frames.iter().map(|frame| frame.picture.as_path()).collect())?;
+        let kept = self.other_views(&json, &frames.iter().map(|frame| frame.picture.as_path()).collect())?;
         let before = if kept.is_empty() { Map::new() } else { protected::unprotected(&json, || root(&json)) };
         frames.extend(kept);
         frames.sort_by(|a, b| a.picture.cmp(&b.picture));

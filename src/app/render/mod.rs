@@ -135,7 +135,7 @@ impl Default for RenderSettings {
 /// Settings on which pictures do not depend, or which choose some of them.
 const MANNER: [&str; 5] = ["output", "overwrite", "frames", "resume", "max_memory"];
 
-/// Those of views in a folder, of which some are chosen by their numbers.
+/// Settings of views in a folder that do not change what a view shows: some views are chosen by their numbers.
 const MANNER_OF_VIEWS: [&str; 6] = ["output", "overwrite", "frames", "resume", "max_memory", "view"];
 
 /// Report of views, or of the frames of a sequence.

@@ -377,7 +377,8 @@ impl<'a, R: Real> Dvr<'a, R> {
     /// Makes derivatives with respect to voxels whole: also clear voxels have theirs where a greater density would
     /// absorb, and quadrature with few nodes has no larger gaps between them than voxels. Rays visit more bricks.
     ///
-    /// Where a transfer function has a kink at the very value of a voxel, the derivative is that for greater values.
+    /// Where a transfer function has a kink at the very value of a voxel, the derivative is that for greater or for
+    /// lesser values, as rounding decides; at zero it is that for greater ones.
     #[must_use]
     pub fn by_voxels(mut self) -> Self {
         self.by_voxels = true;

@@ -38,19 +38,16 @@ impl<R: Real> Preintegrated<R> {
         cotangents.clear();
         let (dvr, ray) = (pass.dvr, pass.ray);
         let values = &dvr.field.values;
-        let by_voxels = pass.to.table.is_none() && pass.to.ray.is_none() && pass.voxel_seeds.is_none();
-        let gaps = self.faint && by_voxels;
-        let topology = if gaps { &self.occupied } else { pass.topology() };
-        let sites = Sites { topology, spacing: &self.spacing, gaps };
+        let sites = Sites { topology: pass.topology(), spacing: &self.spacing, gaps: false };
         let keep = if adjoint == Adjoint::Replay { KEPT } else { usize::MAX };
         let start = |attempt: usize| Front::new(&self.tables, &compiled.curve, (&ray, dvr.depth_limit), attempt);
         // The state where groups are no longer kept.
-        let (mut front, mut rest, mut gap) = (start(0), None, 0.0);
+        let (mut front, mut rest) = (start(0), None);
         for attempt in 0..ATTEMPTS {
             spare.append(tape);
             (front, rest) = (start(attempt), None);
             let mut groups = 0;
-            gap = nodes(
+            nodes(
                 sites,
                 &ray,
                 queue,
@@ -85,21 +82,10 @@ impl<R: Real> Preintegrated<R> {
         if !front.is_accurate() {
             return None;
         }
-        let reached = front.depth;
-        if gaps && gap > 0.0 {
-            front.add_gap(gap);
-        }
         let (emitted, depth) = (front.emitted, front.depth);
         let radiance = Radiance { rgb: emitted, depth };
         let weighted = pass.add_color(loss(&radiance), &emitted, &compiled.tint);
         let background = (-depth).exp() * weighted.transmittance;
-        if gaps {
-            // The last gap has no segment: its light is `c (e^{-x₀} - e^{-x})`, and what it leaves over `e^{-x}`.
-            let color = self.tables.outside.values.store();
-            let source = (0..3).map(|c| weighted.color[c] * color[c].f64()).sum::<f64>();
-            let by_depth = (-depth).exp() * source - background;
-            pass.to.shared.extinction += (depth - reached) * by_depth / dvr.medium.extinction;
-        }
         let deviations = front.deviations;
         let mut back =
             Backward { own: self, compiled, deviations, emitted, background, weighted, last: None, cotangents };

@@ -50,23 +50,23 @@ pub(super) struct Preintegrated<R: Real> {
     spacing: Vec<Spacing<R>>,
     /// True if the medium absorbs at the background, so that gaps between bricks count.
     gaps: bool,
-    /// True if gaps count for derivatives with respect to voxels as well: those of voxels in them are negligible.
-    faint: bool,
 }
 
 /// Least and greatest distance between nodes, in voxels, that divide the interval in a brick evenly.
 const DISTANCE: [f64; 2] = [1.0, 16.0];
 /// Share of a ray's tolerance that the nodes of one brick may use up, as far as can be foreseen.
 const OF_BRICK: f64 = 1.0 / 8.0;
-/// Slope of a transfer function, in units of its steepest, up to which derivatives with respect to single voxels need
-/// not be told apart: those of a few voxels in a row are one.
+/// Distance between nodes, in voxels, at which derivatives with respect to single voxels are told apart.
+const BY_VOXELS: f64 = 0.5;
+/// Slope of a transfer function, in units of its steepest among a field's densities, up to which they need not be: those
+/// of a few voxels in a row are one.
 const NEGLIGIBLE: f64 = 1e-3;
 
 impl<R: Real> Preintegrated<R> {
     /// Creates the tables of a transfer function whose extinctions are multiplied by `scale`, for a field with the
     /// least and greatest values of its bricks, and those that are visible; `tolerance` is the error allowed along a
-    /// ray, in units of the brightest color. With `by_voxels` rays have a node a voxel wherever the light depends on
-    /// voxels.
+    /// ray, in units of the brightest color. With `by_voxels` rays have two nodes a voxel wherever the light depends
+    /// on voxels.
     pub(crate) fn new(
         (table, scale): (&Table, f64),
         tolerance: f64,
@@ -80,7 +80,7 @@ impl<R: Real> Preintegrated<R> {
         let gaps = table.at(background.f64())[3] > 0.0;
         let voxel = field.transform.voxel_size().max_element();
         let brightest = table.peak()[..3].iter().fold(f64::MIN_POSITIVE, |a, b| a.max(*b));
-        let steepest = table.steepest(table.knots()[0], table.knots()[table.knots().len() - 1], brightest);
+        let steepest = table.steepest(range[0], table.above(range[1]), brightest);
         let least = if steepest.is_finite() { NEGLIGIBLE * steepest } else { 0.0 };
         let depends = |low: R, high: R| table.steepest(low.f64(), table.above(high.f64()), brightest) > least;
         let spacing = |(values, [low, high]): (&[R], &[R; 2])| {
@@ -98,8 +98,8 @@ impl<R: Real> Preintegrated<R> {
             let halves = (DISTANCE[1] / DISTANCE[0]).log2() as i32 * 2 + 1;
             let distances = (0..halves).map(|k| DISTANCE[1] * (-0.5 * f64::from(k)).exp2());
             let distance = distances.into_iter().find(|h| error(*h) <= OF_BRICK * tolerance);
-            let narrow = |h: f64| by_voxels && h > DISTANCE[0] && depends(low, high);
-            let distance = distance.map(|h| if narrow(h) { DISTANCE[0] } else { h });
+            let narrow = |h: f64| by_voxels && h > BY_VOXELS && depends(low, high);
+            let distance = distance.map(|h| if narrow(h) { BY_VOXELS } else { h });
             let spacing = Spacing { density: R::of(distance.map_or(0.0, f64::recip)), roughness };
             (spacing, low != background || high != background)
         };
@@ -107,8 +107,7 @@ impl<R: Real> Preintegrated<R> {
         // Where gaps count, a brick that is clear is none.
         let occupied = if gaps { field.topology.masked(|brick| bricks[brick].1) } else { visible.clone() };
         let spacing = bricks.into_iter().map(|(spacing, _)| spacing).collect();
-        let faint = gaps && by_voxels && !depends(background, background);
-        Self { tables, occupied, spacing, gaps, faint }
+        Self { tables, occupied, spacing, gaps }
     }
 
     /// Returns the estimated number of nodes of a ray in a brick.
