@@ -78,12 +78,12 @@ pub(crate) fn gathered<T>(
     parts.resize_with(partitions, &zero);
     for rank in 0..all.count() {
         let theirs = &mut parts[share(partitions, rank, all.count())];
-        let mut sent: Vec<f64> = theirs.iter_mut().flat_map(|part| numbers(part)).map(|v| *v).collect();
+        let mut sent: Vec<f64> = theirs.iter_mut().flat_map(&numbers).map(|v| *v).collect();
         if sent.is_empty() {
             continue;
         }
         all.broadcast(rank, bytemuck::cast_slice_mut(&mut sent));
-        theirs.iter_mut().flat_map(|part| numbers(part)).zip(sent).for_each(|(to, sent)| *to = sent);
+        theirs.iter_mut().flat_map(&numbers).zip(sent).for_each(|(to, sent)| *to = sent);
     }
     parts
 }

@@ -111,6 +111,7 @@ pub(crate) struct Global {
 }
 
 #[derive(Debug, Subcommand)]
+#[allow(clippy::large_enum_variant, reason = "a command line has one")]
 enum Command {
     #[command(subcommand)]
     Capture(CaptureCommand),

@@ -6,12 +6,15 @@ use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+/// Receiver of densities.
+type Keep = Arc<dyn Fn(&Bricks<f32>) + Send + Sync>;
+
 /// Receiver of the densities so far; clones share the time of the last ones.
 #[derive(Clone)]
 pub struct Checkpoint {
     every: Duration,
     last: Arc<Mutex<Instant>>,
-    keep: Arc<dyn Fn(&Bricks<f32>) + Send + Sync>,
+    keep: Keep,
 }
 
 impl fmt::Debug for Checkpoint {
