@@ -56,8 +56,9 @@ pub(super) struct Preintegrated<R: Real> {
 const DISTANCE: [f64; 2] = [1.0, 16.0];
 /// Share of a ray's tolerance that the nodes of one brick may use up, as far as can be foreseen.
 const OF_BRICK: f64 = 1.0 / 8.0;
-/// Distance between nodes, in voxels, at which derivatives with respect to single voxels are told apart.
-const BY_VOXELS: f64 = 0.5;
+/// Distances between nodes, in voxels, at which derivatives with respect to single voxels are told apart, where a brick
+/// has one value and where it has several.
+const BY_VOXELS: [f64; 2] = [0.5, DISTANCE[0]];
 /// Slope of a transfer function, in units of its steepest among a field's densities, up to which they need not be: those
 /// of a few voxels in a row are one.
 const NEGLIGIBLE: f64 = 1e-3;
@@ -65,8 +66,8 @@ const NEGLIGIBLE: f64 = 1e-3;
 impl<R: Real> Preintegrated<R> {
     /// Creates the tables of a transfer function whose extinctions are multiplied by `scale`, for a field with the
     /// least and greatest values of its bricks, and those that are visible; `tolerance` is the error allowed along a
-    /// ray, in units of the brightest color. With `by_voxels` rays have two nodes a voxel wherever the light depends
-    /// on voxels.
+    /// ray, in units of the brightest color. With `by_voxels` rays have a node a voxel, or two, wherever the light
+    /// depends on voxels.
     pub(crate) fn new(
         (table, scale): (&Table, f64),
         tolerance: f64,
@@ -98,8 +99,9 @@ impl<R: Real> Preintegrated<R> {
             let halves = (DISTANCE[1] / DISTANCE[0]).log2() as i32 * 2 + 1;
             let distances = (0..halves).map(|k| DISTANCE[1] * (-0.5 * f64::from(k)).exp2());
             let distance = distances.into_iter().find(|h| error(*h) <= OF_BRICK * tolerance);
-            let narrow = |h: f64| by_voxels && h > BY_VOXELS && depends(low, high);
-            let distance = distance.map(|h| if narrow(h) { BY_VOXELS } else { h });
+            let nearest = BY_VOXELS[usize::from(low < high)];
+            let narrow = |h: f64| by_voxels && h > nearest && depends(low, high);
+            let distance = distance.map(|h| if narrow(h) { nearest } else { h });
             let spacing = Spacing { density: R::of(distance.map_or(0.0, f64::recip)), roughness };
             (spacing, low != background || high != background)
         };
