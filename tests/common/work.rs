@@ -128,18 +128,28 @@ impl Work {
         child
     }
 
-    /// Every file beneath a folder and its bytes.
+    /// Every file beneath a folder and its bytes, but for those that a running program moves meanwhile.
     pub fn files(&self, folder: &str) -> BTreeMap<PathBuf, Vec<u8>> {
         let mut found = BTreeMap::new();
         let mut left = vec![self.path(folder)];
         while let Some(dir) = left.pop() {
-            for entry in std::fs::read_dir(dir).unwrap() {
+            let entries = match std::fs::read_dir(&dir) {
+                Ok(entries) => entries,
+                Err(error) => {
+                    assert_ne!(dir, self.path(folder), "{error}");
+                    continue;
+                }
+            };
+            for entry in entries {
                 let path = entry.unwrap().path();
                 if path.is_dir() {
                     found.insert(path.clone(), Vec::new());
                     left.push(path);
                 } else {
-                    found.insert(path.clone(), std::fs::read(&path).unwrap());
+                    match std::fs::read(&path) {
+                        Ok(bytes) => drop(found.insert(path, bytes)),
+                        Err(error) => assert_eq!(error.kind(), std::io::ErrorKind::NotFound, "{error}"),
+                    }
                 }
             }
         }
