@@ -175,11 +175,14 @@ class Rendered(Report):
     remarks: list[str] = dataclasses.field(default_factory=list)
     """Remarks on statements of a USD stage that have no effect, and on what is assumed."""
     seconds: float | None
+    skipped: int
+    """Number of views that were there, made by the same settings."""
     tone_mapping: dict[str, Any] | None = None
     """How radiance became the samples of PNGs; none if none were written."""
     up: Up | None
     """Up axis about which cameras were placed; none where they were given."""
     views: int
+    """Number of views that were rendered."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
