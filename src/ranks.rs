@@ -25,7 +25,8 @@ pub trait Messages: Send + Sync {
 
 static MESSAGES: OnceLock<Box<dyn Messages>> = OnceLock::new();
 
-/// Connects this process with the others of its computation, before any work; a second connection is refused by `false`.
+/// Connects this process with the others of its computation, before any work; a second connection is refused by
+/// `false`.
 pub fn connect(messages: Box<dyn Messages>) -> bool {
     MESSAGES.set(messages).is_ok()
 }
@@ -91,8 +92,8 @@ pub(crate) fn gathered<T>(
 /// Pieces of a total that travel together: long enough for the network, short enough that all processes are at work.
 const TOGETHER: usize = 512;
 
-/// Adds up numbers over all processes, in pieces of so many: `total` holds those of the first process's first partition,
-/// and `add(number, piece)` adds to a piece what the other partitions of this process have.
+/// Adds up numbers over all processes, in pieces of so many: `total` holds those of the first process's first
+/// partition, and `add(number, piece)` adds to a piece what the other partitions of this process have.
 pub(crate) fn added<V: Pod + Send>(total: &mut [V], piece: usize, add: impl Fn(usize, &mut [V]) + Sync) {
     let run = |first: usize, values: &mut [V]| {
         values.par_chunks_mut(piece).enumerate().for_each(|(i, piece)| add(first + i, piece));

@@ -6,9 +6,9 @@
 //! observation ──▶ pose, viewpoint                                                  cameras
 //! density, pose ──▶ refinement                                                     cameras and voxels together
 //! ```
-//! Arrows point one way, in this order: `progress`, [`checkpoint`], [`observation`] (what pictures measure), [`region`] (where there
-//! are voxels), [`solver`] (of equations, whatever these are of), [`projection`] (pixels as equations of voxels),
-//! [`density`], `color`, `through_transfer`, `transfer`, [`pose`], [`viewpoint`], [`refinement`], `cost`. Each
+//! Arrows point one way, in this order: `progress`, [`checkpoint`], [`observation`] (what pictures measure), [`region`]
+//! (where there are voxels), [`solver`] (of equations, whatever these are of), [`projection`] (pixels as equations of
+//! voxels), [`density`], `color`, `through_transfer`, `transfer`, [`pose`], [`viewpoint`], [`refinement`], `cost`. Each
 //! may use those before it and [`differentiate`](crate::differentiate), which knows none of them.
 
 pub mod checkpoint;

@@ -254,7 +254,10 @@ impl DensitySettings {
         let cameras = self.refinement.output(&self.output, self.report.as_deref(), &input.capture)?;
         if let (Some(_), Some(_)) = (self.checkpoint, &cameras) {
             return Err(Error::unsupported("⟨checkpoint⟩ keeps densities, and not the cameras of ⟨refine_cameras⟩")
-                .hint("refine the cameras first, with few ⟨iterations⟩, and reconstruct from the capture that this writes"));
+                .hint(
+                    "refine the cameras first, with few ⟨iterations⟩, and reconstruct from the capture that this \
+                     writes",
+                ));
         }
         let views = input.capture.frames.len();
         let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;

@@ -59,8 +59,8 @@ const OF_BRICK: f64 = 1.0 / 8.0;
 /// Distances between nodes, in voxels, at which derivatives with respect to single voxels are told apart, where a brick
 /// has one value and where it has several.
 const BY_VOXELS: [f64; 2] = [0.5, DISTANCE[0]];
-/// Slope of a transfer function, in units of its steepest among a field's densities, up to which they need not be: those
-/// of a few voxels in a row are one.
+/// Slope of a transfer function, in units of its steepest among a field's densities, up to which they need not be:
+/// those of a few voxels in a row are one.
 const NEGLIGIBLE: f64 = 1e-3;
 
 impl<R: Real> Preintegrated<R> {
