@@ -1,7 +1,7 @@
 # Every target makes what it needs: Debian packages where they are missing, Python environments, the
 # program. A second run finds it all there.
 .DEFAULT_GOAL := demo
-.PHONY: demo test fuzz soak coverage check bench build mpi setup share install dist deb wheel addon clean
+.PHONY: demo test fuzz soak large coverage check bench build mpi setup share install dist deb wheel addon clean
 
 export CUMULO := $(CURDIR)/target/release/cumulo
 export PYTHONDONTWRITEBYTECODE := 1
@@ -69,6 +69,10 @@ SOAK_SECONDS ?= 600
 soak: ## random hard scenes, path-traced for ten minutes
 	python/setup.sh build
 	SOAK_SECONDS=$(SOAK_SECONDS) cargo test --release --locked --test process soak:: -- --nocapture
+
+large: ## a sparse volume of 1024³ voxels rendered and reconstructed within 2 GiB, in some minutes
+	python/setup.sh build
+	CUMULO_LARGE=1 cargo test --release --locked --test process scratch:: -- --nocapture
 
 SEEDS ?= 1000
 

@@ -24,6 +24,7 @@ pub mod guide;
 pub mod prelude;
 pub mod process;
 pub mod report;
+mod scratch;
 
 pub(crate) use cumulo_kernels::ordered;
 #[doc(inline)]

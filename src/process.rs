@@ -4,6 +4,7 @@
 
 use crate::error::{Code, Error};
 use crate::formats::{reading, temporary};
+use crate::scratch::{self, LARGE};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -73,25 +74,50 @@ fn leave_after(code: u8, patience: Duration) -> ! {
 }
 
 /// The system's allocator, except that a failed allocation ends the program with an error message and exit code 2
-/// instead of a signal. Meant as the program's `#[global_allocator]`.
+/// instead of a signal, and that large arrays lie in files once the program was given a scratch folder. Meant as the
+/// program's `#[global_allocator]`.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Allocator;
 
-// SAFETY: every call is forwarded to the system's allocator; a null pointer is never returned.
+// SAFETY: every call is forwarded to the system's allocator, or answered by a mapping of at least the size, which is
+// aligned to pages, zeroed, and ended by the call that frees it; a null pointer is never returned.
 unsafe impl GlobalAlloc for Allocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        if layout.size() >= LARGE
+            && let Some(place) = scratch::place(layout)
+        {
+            return place;
+        }
         // SAFETY: the caller upholds the contract of `alloc`.
         checked(unsafe { System.alloc(layout) }, layout.size())
     }
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        if layout.size() >= LARGE
+            && let Some(place) = scratch::place(layout)
+        {
+            return place;
+        }
         // SAFETY: the caller upholds the contract of `alloc_zeroed`.
         checked(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        // SAFETY: the caller upholds the contract of `realloc`.
-        checked(unsafe { System.realloc(pointer, layout, size) }, size)
+        if size.max(layout.size()) < LARGE || scratch::stays(pointer, layout.size(), size) {
+            // SAFETY: the caller upholds the contract of `realloc`.
+            return checked(unsafe { System.realloc(pointer, layout, size) }, size);
+        }
+        // SAFETY: the caller upholds the contract of `realloc`: both layouts are valid, the old one is the block's,
+        // and blocks do not overlap.
+        unsafe {
+            let moved = self.alloc(Layout::from_size_align_unchecked(size, layout.align()));
+            std::ptr::copy_nonoverlapping(pointer, moved, layout.size().min(size));
+            self.dealloc(pointer, layout);
+            moved
+        }
     }
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        if layout.size() >= LARGE && scratch::release(pointer, layout.size()) {
+            return;
+        }
         // SAFETY: the caller upholds the contract of `dealloc`.
         unsafe { System.dealloc(pointer, layout) }
     }
@@ -123,7 +149,8 @@ fn exhausted(size: usize) -> ! {
             0 => String::new(),
             bytes => format!(", {} MiB are allowed in all", bytes >> 20),
         };
-        format!("out of memory: {size} bytes more are needed{allowed}")
+        let disk = if scratch::is_full() { ", and the disk of the scratch folder is full" } else { "" };
+        format!("out of memory: {size} bytes more are needed{allowed}{disk}")
     })
 }
 

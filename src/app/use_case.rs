@@ -15,6 +15,9 @@ pub trait UseCase {
     /// Returns the limits of the work.
     fn limits(&self) -> Limits;
 
+    /// Returns the limits of the work, to be changed.
+    fn limits_mut(&mut self) -> &mut Limits;
+
     /// Does the work.
     ///
     /// # Errors
@@ -75,6 +78,10 @@ macro_rules! use_case {
 
             fn limits(&self) -> crate::formats::limits::Limits {
                 self.$($limits).+
+            }
+
+            fn limits_mut(&mut self) -> &mut crate::formats::limits::Limits {
+                &mut self.$($limits).+
             }
 
             fn run(&self, context: &crate::app::Context) -> crate::error::Result<$report> {

@@ -26,7 +26,7 @@ pub struct Answer {
 /// If the words cannot be read (code `usage`), and those of the command.
 pub fn run(words: impl IntoIterator<Item = OsString>, context: Context) -> Result<Answer> {
     let words = std::iter::once(OsString::from("cumulo")).chain(words);
-    let arguments = match Arguments::read(words) {
+    let mut arguments = match Arguments::read(words) {
         Ok(arguments) => arguments,
         Err(shown) if matches!(shown.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             return Ok(Answer { document: shown.render().to_string(), code: 0 });

@@ -68,6 +68,13 @@ impl<S: UseCase + Divisible> Run for OrJob<S> {
         self.settings.max_memory()
     }
 
+    /// A job is no work that would need it.
+    fn widen(&mut self, room: u64) {
+        if self.job.is_none() {
+            self.settings.widen(room);
+        }
+    }
+
     fn run(&self, output: &Output) -> Result<u8> {
         let Some(Job { settings, arguments }) = &self.job else { return Run::run(&self.settings, output) };
         let line = CommandLine { command: output.command().to_owned(), arguments: arguments.clone() };

@@ -23,6 +23,10 @@ struct MergeArgs {
     /// Replace the output, whoever made it
     #[arg(long)]
     overwrite: bool,
+    /// Error that each block is to have at most, by the scale: where one is known to have more, the exit code is 1, and
+    /// the report says which replicates are missing
+    #[arg(long, value_name = "E", value_parser = parse::positive)]
+    target_error: Option<f64>,
     /// Probability with which the truth is within the stated error of a block
     #[arg(long = "confidence", value_name = "C", default_value_t = 0.95, value_parser = parse::probability)]
     confidence_level: f64,
@@ -36,6 +40,7 @@ impl From<MergeArgs> for MergeSettings {
             inputs: args.inputs,
             output: args.output,
             overwrite: args.overwrite,
+            target_error: args.target_error,
             confidence: args.confidence_level,
             limits: args.memory.limits(),
         }

@@ -63,6 +63,7 @@ use crate::error::{Code, Error, Kind, Result};
 use crate::formats::vdb::{self, helper};
 use crate::process;
 use crate::ranks;
+use crate::scratch;
 use crate::wording::speak_as;
 use capture::CaptureCommand;
 use clap::error::ContextKind;
@@ -99,6 +100,9 @@ pub(crate) struct Global {
     /// Threads to work with, 1 to 1024 (default: RAYON_NUM_THREADS, else all cores); results do not depend on it
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
+    /// Folder on a local disk for large arrays that exceed the memory: the pages of them that are in use are in memory
+    #[arg(long, global = true, value_name = "DIR")]
+    pub scratch: Option<PathBuf>,
     /// No progress on standard error
     #[arg(long, short, global = true)]
     pub quiet: bool,
@@ -148,16 +152,16 @@ enum Command {
 
 impl Command {
     /// Returns what there is to run.
-    fn as_run(&self) -> &dyn Run {
+    fn as_run(&mut self) -> &mut dyn Run {
         match self {
-            Self::Capture(CaptureCommand::Convert(s)) => &**s,
-            Self::Capture(CaptureCommand::New(s)) => &**s,
+            Self::Capture(CaptureCommand::Convert(s)) => &mut **s,
+            Self::Capture(CaptureCommand::New(s)) => &mut **s,
             Self::Compare(s) => s,
             Self::Completions(c) => c,
-            Self::Convert(s) => &**s,
+            Self::Convert(s) => &mut **s,
             Self::Denoise(s) => s,
             Self::Diff(s) => s,
-            Self::Figure(s) => &**s,
+            Self::Figure(s) => &mut **s,
             Self::Gradient(s) => s,
             Self::Info(s) => s,
             Self::Man(c) => c,
@@ -165,20 +169,20 @@ impl Command {
             Self::Motion(s) => s,
             Self::Plan(s) => s,
             Self::Pose(s) => s,
-            Self::Reconstruct(Reconstruct::Color(s)) => &**s,
-            Self::Reconstruct(Reconstruct::Density(s)) => &**s,
-            Self::Reconstruct(Reconstruct::Tf(s)) => &**s,
+            Self::Reconstruct(Reconstruct::Color(s)) => &mut **s,
+            Self::Reconstruct(Reconstruct::Density(s)) => &mut **s,
+            Self::Reconstruct(Reconstruct::Tf(s)) => &mut **s,
             Self::Render(s) => s,
             Self::Report(s) => s,
             Self::Schema(c) => c,
             Self::Selftest(s) => s,
-            Self::Study(Study::Denoise(s)) => &**s,
-            Self::Study(Study::Gradient(s)) => &**s,
-            Self::Study(Study::Reconstruct(s)) => &**s,
-            Self::Study(Study::Render(s)) => &**s,
+            Self::Study(Study::Denoise(s)) => &mut **s,
+            Self::Study(Study::Gradient(s)) => &mut **s,
+            Self::Study(Study::Reconstruct(s)) => &mut **s,
+            Self::Study(Study::Render(s)) => &mut **s,
             Self::Transfer(s) => s,
             Self::TryGrid(c) => c,
-            Self::Usd(UsdCommand::Author(s)) => &**s,
+            Self::Usd(UsdCommand::Author(s)) => &mut **s,
             Self::Usd(UsdCommand::Lint(s)) => s,
             Self::Validate(s) => s,
             Self::View(c) => c,
@@ -190,6 +194,19 @@ impl Command {
 /// Advice to those whose command needs more memory than is allowed.
 const SMALLER: &str = "raise --max-memory, or give smaller inputs: fewer or smaller pictures, a volume that was \
                        cropped or resampled";
+
+/// Adds to the advice on work that needs more memory that a scratch folder gives room.
+fn larger(error: Error) -> Error {
+    let memory = error.code() == Code::MemoryLimit;
+    match error
+        .remedy()
+        .filter(|_| memory)
+        .map(|remedy| format!("{remedy}; or let large arrays lie in files: --scratch DIR"))
+    {
+        Some(remedy) => error.instead(remedy),
+        None => error,
+    }
+}
 
 /// Environment variable of the number of threads, which `--threads` overrides.
 const THREADS: &str = "RAYON_NUM_THREADS";
@@ -343,7 +360,7 @@ fn own_program(process: Option<PathBuf>, word: Option<OsString>) -> Option<PathB
 ///
 /// # Errors
 /// Those of the subcommand; the caller prints them and exits with 2.
-fn run(arguments: Arguments) -> Result<u8> {
+fn run(mut arguments: Arguments) -> Result<u8> {
     if arguments.global.json {
         document::begin(&arguments.path);
         process::on_end(document::error);
@@ -369,6 +386,10 @@ fn run(arguments: Arguments) -> Result<u8> {
     let output = Output::new(&arguments.global, &arguments.path);
     let (version, threads) = (version::text(), rayon::current_num_threads());
     output.detail(format!("cumulo {version}: {threads} threads, {} of memory at most", crate::text::bytes(memory)));
+    let Some(folder) = &arguments.global.scratch else { return command.run(&output).map_err(larger) };
+    let room = scratch::begin(folder, memory)?;
+    output.detail(format!("room for {} of arrays in {}", crate::text::bytes(room), folder.display()));
+    command.widen(room);
     command.run(&output)
 }
 

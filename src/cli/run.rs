@@ -17,6 +17,9 @@ pub(super) trait Run {
         Ok(Limits::default().max_memory)
     }
 
+    /// Lets the work have so many bytes beside its memory.
+    fn widen(&mut self, _room: u64) {}
+
     /// Does the work and reports; returns the exit code.
     ///
     /// # Errors
@@ -29,6 +32,11 @@ impl<U: UseCase> Run for U {
         let memory = Memory::of(self.limits());
         memory.check()?;
         Ok(memory.limits().max_memory)
+    }
+
+    fn widen(&mut self, room: u64) {
+        let most = &mut self.limits_mut().max_memory;
+        *most = most.saturating_add(room);
     }
 
     fn run(&self, output: &Output) -> Result<u8> {

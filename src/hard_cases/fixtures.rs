@@ -17,7 +17,7 @@ pub(super) fn grid(n: i32, transform: Affine, value: impl Fn(DVec3) -> f64) -> G
     let corners = (0..n).step_by(8);
     for origin in corners.clone().flat_map(|x| corners.clone().map(move |y| [x, y])) {
         for z in corners.clone() {
-            let mut values = Box::new([0.0_f32; LEAF_VOXELS]);
+            let mut values = [0.0_f32; LEAF_VOXELS];
             let mut active = [0_u64; 8];
             for i in 0..LEAF_VOXELS {
                 let p = [origin[0] + (i as i32 >> 6), origin[1] + (i as i32 >> 3 & 7), z + (i as i32 & 7)];

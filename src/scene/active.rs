@@ -132,7 +132,7 @@ mod tests {
     use glam::{DMat4, DVec3};
 
     fn grid() -> Grid {
-        let mut leaf = Leaf { origin: [8, 0, -8], values: Box::new([0.0; LEAF_VOXELS]), active: [0; 8] };
+        let mut leaf = Leaf { origin: [8, 0, -8], values: [0.0; LEAF_VOXELS], active: [0; 8] };
         for (i, at) in [[0, 0, 0], [3, 4, 5], [7, 7, 7]].into_iter().enumerate() {
             let offset = voxel_offset(at);
             leaf.values[offset] = 1.0 + i as f32;

@@ -418,8 +418,7 @@ impl<R: Real> Bricks<R> {
     pub fn to_grid(&self, name: &str) -> Grid {
         let leaves = self.topology.places().filter_map(|(brick, number)| {
             let stored = &self.values[number as usize * BRICK..(number as usize + 1) * BRICK];
-            let mut leaf =
-                Leaf { origin: (8 * brick).to_array(), values: Box::new([0.0; LEAF_VOXELS]), active: [0; 8] };
+            let mut leaf = Leaf { origin: (8 * brick).to_array(), values: [0.0; LEAF_VOXELS], active: [0; 8] };
             for i in 0..LEAF_VOXELS {
                 let value = stored[slot(i >> 6, i >> 3 & 7, i & 7)].f64() as f32;
                 if value > 0.0 {

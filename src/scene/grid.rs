@@ -51,7 +51,7 @@ pub struct Leaf {
     /// Index coordinates of the first voxel, multiples of 8.
     pub origin: [i32; 3],
     /// Values of all voxels, inactive ones included: `values[(x << 6) | (y << 3) | z]` as in OpenVDB, z fastest.
-    pub values: Box<[f32; LEAF_VOXELS]>,
+    pub values: [f32; LEAF_VOXELS],
     /// Activity mask: bit `i & 63` of word `i >> 6` is set if voxel `i` is active.
     pub active: [u64; 8],
 }
@@ -109,9 +109,7 @@ pub struct Grid {
 impl Grid {
     /// Bytes of memory that leaves and tiles occupy.
     pub fn memory(&self) -> u64 {
-        // The values of a leaf are a separate allocation.
-        let leaf = size_of::<Leaf>() + LEAF_VOXELS * size_of::<f32>() + 16;
-        (self.leaves.len() * leaf + self.tiles.len() * size_of::<Tile>()) as u64
+        (self.leaves.len() * size_of::<Leaf>() + self.tiles.len() * size_of::<Tile>()) as u64
     }
 
     /// Index-space box of the centres of all active voxels; empty if there are none.

@@ -1,6 +1,7 @@
 //! `cumulo convert` from VDB to VDB: forms, lattices, vectors and names. Each grid that comes out is held against what its
 //! definition says.
 
+use crate::common::refusal;
 use crate::common::work::{self, Work, density, errors};
 use cumulo::error::Code;
 use cumulo::formats::limits::Limits;
@@ -19,7 +20,7 @@ fn volume(name: &str, n: i32, value: impl Fn(DVec3) -> f32) -> Grid {
     let mut leaves = Vec::new();
     let blocks = || (-n..n).map(|b| 8 * b);
     for origin in blocks().flat_map(|x| blocks().flat_map(move |y| blocks().map(move |z| [x, y, z]))) {
-        let mut leaf = Leaf { origin, values: Box::new([0.0; 512]), active: [0; 8] };
+        let mut leaf = Leaf { origin, values: [0.0; 512], active: [0; 8] };
         for i in 0..512_usize {
             let local = IVec3::new((i >> 6) as i32, (i >> 3 & 7) as i32, (i & 7) as i32);
             leaf.values[i] = value((IVec3::from_array(origin) + local).as_dvec3());
@@ -343,4 +344,26 @@ fn a_grid_that_is_named_twice_counts_once() {
     assert_eq!(grids("convert in.vdb out.nvdb --grid density --grid density"), 1);
     assert_eq!(grids("convert out.nvdb back.vdb --grid density --grid density"), 1);
     work.json("convert in.vdb out.npy --grid density --grid density");
+}
+
+/// An expression is a step of values like others, of grids and of scans.
+#[test]
+fn expressions_are_steps_of_values() {
+    let work = Work::new();
+    let convert = |words: &str, expression: &str| {
+        let out = work.command(words).args(["--eval", expression]).output().unwrap();
+        assert!(out.status.success(), "{}", errors(&out));
+    };
+    work.text("convert @plume.vdb a.vdb --scale 2 --offset 0.5 --threshold 0.6");
+    convert("convert @plume.vdb b.vdb --threshold 0.6", "v * 2 + 0.5");
+    convert("convert @plume.vdb c.vdb --scale 2 --threshold 0.6", "0.5 + v");
+    convert("convert @plume.vdb d.vdb", "(v * 2 + 0.5) * (v * 2 + 0.5 > 0.6)");
+    for other in ["b.vdb", "c.vdb", "d.vdb"] {
+        assert_eq!(work.difference("a.vdb", other)["max_abs"], 0.0, "{other}");
+    }
+    for (expression, named) in [("v +", "v +"), ("w * 2", "'w' is unknown"), ("", "such as")] {
+        let mut command = work.command("convert @plume.vdb no.vdb");
+        refusal::refused(command.args(["--eval", expression]), Code::Usage, &[named]);
+    }
+    assert!(!work.path("no.vdb").exists());
 }

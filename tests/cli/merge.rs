@@ -176,3 +176,37 @@ fn stopped_pictures_go_on() {
     let report = work.json(&format!("render @plume.vdb {LIT} --target-error 0.003 -o out.exr --resume"));
     assert_eq!(report["views"], 0);
 }
+
+/// A wanted error is reached by the replicates that reports ask for, whoever renders them.
+#[test]
+fn an_error_is_reached_by_the_replicates_that_are_asked_for() {
+    let work = Work::new();
+    part(&work, "--samples 4 --replicates 0-7", "0.exr");
+    let mut parts = "0.exr".to_owned();
+    let mut count = 8;
+    for round in 1.. {
+        let out =
+            work.command(&format!("merge {parts} -o joined{round}.exr --target-error 0.04 --json")).output().unwrap();
+        let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+        let accuracy = &report["accuracy"]["pictures"][0];
+        assert_eq!(report["accuracy"]["target_error"], 0.04);
+        let Some(missing) = report["missing"].as_str() else {
+            assert_eq!(out.status.code(), Some(0));
+            // The picture has corners in which rays hardly meet the medium.
+            let doubtful = accuracy["doubtful"].as_array().unwrap();
+            assert!(doubtful.iter().all(|blocks| blocks["reason"] == "rare-events"), "{report}");
+            assert!(accuracy["certified"].as_u64().unwrap() >= 18, "{report}");
+            assert!(accuracy["error"].as_f64().unwrap() <= 0.04 && round > 1, "{report}");
+            break;
+        };
+        assert_eq!(out.status.code(), Some(1));
+        assert!(round < 8, "{report}");
+        let range = missing.strip_prefix("seed 0: ").unwrap();
+        let first: u32 = range.split('-').next().unwrap().parse().unwrap();
+        assert_eq!(first, count, "{report}");
+        count = range.split('-').next_back().unwrap().parse::<u32>().unwrap() + 1;
+        part(&work, &format!("--samples 4 --replicates {range}"), &format!("{round}.exr"));
+        parts = format!("{parts} {round}.exr");
+    }
+    work.refused("merge 0.exr -o x.exr --target-error 0", Code::Usage, &[]);
+}

@@ -456,7 +456,6 @@ fn wrong_use_is_refused_with_words() {
         &["run.json", "--cameras another name"],
     );
     refused("cap -o x.vdb --refine-cameras --resume", Code::Usage, &["--refine-cameras", "--resume"]);
-    refused("cap -o x.vdb --init @sphere_level_set.vdb", Code::Unsupported, &["level set", "fog"]);
     refused("cap -o x.vdb --init x.vdb --resume", Code::Usage, &["--init", "--resume"]);
     refused("cap -o x.vdb --voxel-size 1e-7", Code::MemoryLimit, &["do not fit in memory", "--voxel-size"]);
     refused("cap -o x.vdb --max-memory 1K", Code::Invalid, &["--max-memory"]);

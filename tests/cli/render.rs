@@ -259,12 +259,7 @@ fn a_run_that_fails_leaves_the_earlier_capture() {
     work.write("negative.vdb", &[&fields::grid(8, unit(), |_| -1.0)]);
     let before = work.files("cap");
     for (words, code, expected) in [
-        (
-            "@sphere_level_set.vdb --views 3",
-            Code::Unsupported,
-            &["sphere_level_set.vdb", "'surface'", "level set", "fog"][..],
-        ),
-        ("@plume.vdb --views 3 --grid heat", Code::NoSuchGrid, &["plume.vdb", "no grid 'heat'", "'density'"]),
+        ("@plume.vdb --views 3 --grid heat", Code::NoSuchGrid, &["plume.vdb", "no grid 'heat'", "'density'"][..]),
         ("@kinds.vdb --views 3 --grid velocity", Code::Unsupported, &["kinds.vdb", "velocity"]),
         ("empty.vdb --views 3", Code::EmptyGrid, &["empty.vdb", "the grid is empty", "--cameras"]),
         ("empty.vdb --cameras cap --density-scale auto", Code::Invalid, &["empty.vdb", "no pixel meets any density"]),
@@ -534,4 +529,19 @@ fn surfaces_are_shaded_by_a_light_at_the_camera() {
         work.refused(&format!("{view} {options} -o no.exr"), code, &[]);
     }
     work.refused("render @plume.vdb --views 1 --size 8x8 --shade -o no.exr", Code::Unsupported, &["--tf"]);
+}
+
+/// A level set shows what its fog volume shows.
+#[test]
+fn a_level_set_is_rendered_as_the_fog_inside_of_its_surface() {
+    let work = Work::new();
+    work.text("convert @sphere_level_set.vdb fog.vdb --to fog");
+    for options in ["", "--tf smoke", "--albedo 0.8 --sky 1 --samples 4"] {
+        let [direct, converted] = [("@sphere_level_set.vdb", "a"), ("fog.vdb", "b")].map(|(input, name)| {
+            let output = format!("{name}{}.exr", options.len());
+            work.text(&format!("render {input} --views 1 --size 24x24 {options} -o {output}"));
+            exr::read_picture(&work.path(&output), None).unwrap().rgba
+        });
+        assert!(direct == converted && direct.iter().any(|rgba| rgba[3] > 0.1), "{options}");
+    }
 }

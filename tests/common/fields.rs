@@ -17,7 +17,7 @@ pub fn grid(n: i32, transform: Affine, f: impl Fn(DVec3) -> f64) -> Grid {
     for x in (0..n).step_by(8) {
         for y in (0..n).step_by(8) {
             for z in (0..n).step_by(8) {
-                let mut values = Box::new([0.0_f32; LEAF_VOXELS]);
+                let mut values = [0.0_f32; LEAF_VOXELS];
                 let mut active = [0_u64; 8];
                 for i in 0..LEAF_VOXELS {
                     let p = [x + (i as i32 >> 6), y + (i as i32 >> 3 & 7), z + (i as i32 & 7)];

@@ -21,7 +21,7 @@ pub fn fog(name: &str, n: i32, seed: u64) -> Grid {
             for z in 0..n {
                 let mut leaf = Leaf {
                     origin: [8 * (x - n / 2), 8 * (y - n / 2), 8 * (z - n / 2)],
-                    values: Box::new([0.0; 512]),
+                    values: [0.0; 512],
                     active: [0; 8],
                 };
                 for i in 0..512 {

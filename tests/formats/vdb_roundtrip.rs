@@ -112,16 +112,24 @@ fn empty_grids_and_repeated_names_come_back() {
 }
 
 #[test]
-fn level_sets_are_refused_as_fog_with_what_to_do() {
+fn a_level_set_is_read_as_the_fog_inside_of_its_surface() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.vdb");
+    // A plane at x = 4, whose narrow band has 3 voxels to each side.
     let mut grid = fog("surface", 1, 8);
     (grid.class, grid.background) = (GridClass::LevelSet, 3.0);
+    let leaf = &mut grid.leaves[0];
+    (0..512).for_each(|i| leaf.values[i] = ((i >> 6) as f32 - 4.0).clamp(-3.0, 3.0));
+    leaf.active = [u64::MAX; 8];
     write_grids(&path, &[&grid], &BTreeMap::new(), Codec::Blosc, false).unwrap();
     let file = File::open(&path, Limits::default()).unwrap();
     assert_eq!(file.read_grid("surface").unwrap().class, GridClass::LevelSet);
-    let text = file.read_fog(None).unwrap_err().to_string();
-    assert!(text.contains("level set") && text.contains("`convert.to=fog`") && text.contains("'surface'"), "{text}");
+    let fog = file.read_fog(None).unwrap();
+    assert_eq!((fog.class, fog.background), (GridClass::FogVolume, 0.0));
+    for (i, value) in fog.leaves[0].values.iter().enumerate() {
+        let expected = ((4.0 - (i >> 6) as f32) / 3.0).clamp(0.0, 1.0);
+        assert!((value - expected).abs() < 1e-6, "{i}: {value} {expected}");
+    }
 }
 
 #[test]

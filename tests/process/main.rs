@@ -27,5 +27,7 @@ mod fuzz;
 mod hard_limit;
 mod imaging_damaged;
 mod killed;
+#[cfg(target_os = "linux")]
+mod scratch;
 mod soak;
 mod writing;

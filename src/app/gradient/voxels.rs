@@ -33,7 +33,7 @@ impl GradientSettings {
 /// Returns the leaves of the bricks in which a derivative is not zero; the voxels of such derivatives are active.
 fn leaves(topology: &Topology, by_voxel: &[f64]) -> Vec<Leaf> {
     let leaf = |(brick, values): (&glam::IVec3, &[f64])| {
-        let mut leaf = Leaf { origin: (8 * *brick).to_array(), values: Box::new([0.0; LEAF_VOXELS]), active: [0; 8] };
+        let mut leaf = Leaf { origin: (8 * *brick).to_array(), values: [0.0; LEAF_VOXELS], active: [0; 8] };
         for (i, v) in values.iter().enumerate().filter(|(_, v)| **v != 0.0) {
             leaf.values[i] = *v as f32;
             leaf.active[i >> 6] |= 1 << (i & 63);

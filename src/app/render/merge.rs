@@ -8,7 +8,7 @@ use crate::app::outputs::{self, Content};
 use crate::app::pictured;
 use crate::app::provenance::Provenance;
 use crate::app::ranges;
-use crate::app::use_case::{Report, use_case};
+use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
 use crate::formats::exr::{self, Placement};
 use crate::formats::limits::Limits;
@@ -58,6 +58,8 @@ pub struct MergeSettings {
     pub output: PathBuf,
     /// True to replace the output, whoever made it.
     pub overwrite: bool,
+    /// Largest error of a block that the picture is to have, above 0: the report says how many replicates are missing.
+    pub target_error: Option<f64>,
     /// Probability with which a stated interval holds the truth, between 0 and 1.
     pub confidence: f64,
     /// Memory that the work may take.
@@ -71,6 +73,7 @@ impl Default for MergeSettings {
             inputs: Vec::new(),
             output: PathBuf::new(),
             overwrite: false,
+            target_error: None,
             confidence: AccuracySettings::default().confidence,
             limits: Limits::default(),
         }
@@ -87,21 +90,32 @@ pub struct MergeReport {
     /// Numbers of the joined replicates, by the seed of their random numbers.
     replicates: String,
     accuracy: Option<AccuracyReport>,
+    /// Numbers of further replicates that the wanted error is expected to take, by the seed of their random numbers;
+    /// null where it is reached, or none is wanted.
+    missing: Option<String>,
     seconds: f64,
 }
 
 impl fmt::Display for MergeReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, pictures, replicates, accuracy, seconds } = self;
+        let Self { output, pictures, replicates, accuracy, missing, seconds } = self;
         let s = if *pictures == 1 { "" } else { "s" };
         write!(f, "{}: {pictures} picture{s} joined in {seconds:.2} s, replicates of {replicates}", output.display())?;
-        accuracy.iter().try_for_each(|accuracy| write!(f, "\n{accuracy}"))
+        accuracy.iter().try_for_each(|accuracy| write!(f, "\n{accuracy}"))?;
+        missing
+            .iter()
+            .try_for_each(|missing| write!(f, "\n  the wanted error is expected to take more replicates, of {missing}"))
     }
 }
 
 use_case!(MergeSettings => MergeReport, limits);
 
-impl Report for MergeReport {}
+impl Report for MergeReport {
+    /// A picture that has not the wanted error is a finding.
+    fn status(&self) -> Result<Status> {
+        Ok(Status::of_check(true, self.missing.is_some()))
+    }
+}
 
 /// Settings of the joining on which the picture does not depend.
 const MANNER: [&str; 2] = ["overwrite", "max_memory"];
@@ -115,8 +129,10 @@ impl MergeSettings {
     pub fn run(&self, context: &Context) -> Result<MergeReport> {
         let begun = Instant::now();
         let _inputs = inputs::protect(self.inputs.iter().map(PathBuf::as_path), self.limits);
-        let accuracy = AccuracySettings { confidence: self.confidence, ..AccuracySettings::default() };
-        ranges::probability("confidence", self.confidence)?;
+        let Self { confidence, target_error, .. } = *self;
+        let accuracy = AccuracySettings { confidence, target_error, ..AccuracySettings::default() };
+        ranges::probability("confidence", confidence)?;
+        ranges::positive("target_error", target_error)?;
         let [first, others @ ..] = &self.inputs[..] else {
             return Err(Error::invalid("no picture is given").hint("give pictures of the same scene, two or more"));
         };
@@ -149,6 +165,7 @@ impl MergeSettings {
         let kept = |name: &str| Some((name.to_owned(), attributes.get(name)?.clone()));
         all.extend(pictured::NAMES.into_iter().filter_map(kept));
         error.describe(&accuracy, &mut all);
+        let missing = error.missing().map(|count| made.streams.following(count).to_string());
         let Placement { display, .. } = placement;
         match display == [rendered.film.width, rendered.film.height] {
             true => exr::write_picture(&self.output, &rendered.film, &all, false)?,
@@ -158,6 +175,7 @@ impl MergeSettings {
             output: self.output.clone(),
             pictures: self.inputs.len(),
             replicates: made.streams.to_string(),
+            missing,
             accuracy: AccuracyReport::of(&accuracy, vec![error]),
             seconds: begun.elapsed().as_secs_f64(),
         })

@@ -21,7 +21,7 @@ use crate::scene::bricks::{Bricks, too_large};
 use crate::scene::camera::Camera;
 use crate::scene::environment::Environment;
 use crate::scene::film::Film;
-use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf, MOST_DENSITY, Tile};
+use crate::scene::grid::{Grid, GridClass, Leaf, MOST_DENSITY, Tile};
 use crate::scene::medium::{Medium, Source};
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
@@ -153,7 +153,7 @@ type Density = Box<dyn Fn(&[f32]) -> f32>;
 /// Returns a grid of any type as a density: the inside of a level set, else how far values are from the background, and
 /// in words what it is.
 fn density(native: &NativeGrid, info: &GridInfo, limits: Limits) -> Result<(Grid, &'static str)> {
-    let leaf_bytes = (size_of::<Leaf>() + 4 * LEAF_VOXELS + 16) as u64;
+    let leaf_bytes = size_of::<Leaf>() as u64;
     let bytes = info.memory.saturating_add(info.leaf_count.saturating_mul(leaf_bytes));
     if bytes > limits.max_memory {
         return Err(too_large(bytes, limits.max_memory).part(format!("grid '{}'", info.name)));
@@ -183,7 +183,7 @@ fn density(native: &NativeGrid, info: &GridInfo, limits: Limits) -> Result<(Grid
     let mut leaves = Vec::with_capacity(info.leaf_count as usize);
     native.for_each_leaf(|leaf| {
         let values = std::array::from_fn(|i| usable(&leaf.values[i * info.components..][..info.components]));
-        leaves.push(Leaf { origin: leaf.origin, values: Box::new(values), active: [u64::MAX; 8] });
+        leaves.push(Leaf { origin: leaf.origin, values, active: [u64::MAX; 8] });
         true
     })?;
     let tiles = native.tiles()?.into_iter().map(|t| Tile {

@@ -128,6 +128,7 @@ const TABLE: [(&str, &[&str]); 13] = [
             "names",
             "map",
             "threshold",
+            "eval",
             "meters_per_unit",
         ],
     ),
@@ -247,7 +248,7 @@ const TABLE: [(&str, &[&str]); 13] = [
             "all",
         ],
     ),
-    (GENERAL, &["json", "threads", "quiet", "verbose", "max_memory"]),
+    (GENERAL, &["json", "threads", "quiet", "verbose", "max_memory", "scratch"]),
 ];
 
 /// Returns the heading of an option; `None` leaves it among the options without one.

@@ -95,6 +95,10 @@ impl Run for View {
         Run::max_memory(&self.settings)
     }
 
+    fn widen(&mut self, room: u64) {
+        self.settings.widen(room);
+    }
+
     /// Writes the sheets or shows them, and reports.
     fn run(&self, output: &Output) -> Result<u8> {
         if self.settings.output.is_some() {

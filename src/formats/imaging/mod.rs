@@ -13,6 +13,7 @@
 
 pub(crate) mod cvol;
 pub(crate) mod dicom;
+pub mod expression;
 mod format;
 pub mod image;
 pub(crate) mod input;

@@ -119,7 +119,7 @@ impl Collector {
         let kind = self.kind;
         match &mut self.tree {
             Tree::Scalars { leaves, .. } => {
-                let mut decoded = Box::new([0.0; LEAF_VOXELS]);
+                let mut decoded = [0.0; LEAF_VOXELS];
                 scalars(kind, head, values, &active, &mut decoded);
                 leaves.push(Leaf { origin, values: decoded, active });
             }

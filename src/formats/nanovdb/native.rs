@@ -53,7 +53,7 @@ impl Volume {
             Tree::Integers { background, leaves, tiles } => {
                 notes.push(format!("integers become floats, as their background is {background} and not 0"));
                 let leaf = |l: IntegerLeaf| {
-                    let values = Box::new(std::array::from_fn(|i| l.values[i] as f32));
+                    let values = std::array::from_fn(|i| l.values[i] as f32);
                     Leaf { origin: l.origin, values, active: l.active }
                 };
                 let tile =

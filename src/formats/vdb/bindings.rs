@@ -174,6 +174,33 @@ unsafe extern "C" {
         status: *mut cumulo_vdb_status,
     ) -> i32;
 }
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct cumulo_vdb_leaf {
+    pub origin: *mut [i32; 3usize],
+    pub values: *mut [f32; 512usize],
+    pub active: *mut [u64; 8usize],
+}
+impl Default for cumulo_vdb_leaf {
+    fn default() -> Self {
+        let mut s = ::std::mem::MaybeUninit::<Self>::uninit();
+        unsafe {
+            ::std::ptr::write_bytes(s.as_mut_ptr(), 0, 1);
+            s.assume_init()
+        }
+    }
+}
+unsafe extern "C" {
+    pub fn cumulo_vdb_load_values(
+        loading: *const cumulo_vdb_loading,
+        first: usize,
+        count: usize,
+        bytes: *const u8,
+        length: usize,
+        out: *const cumulo_vdb_leaf,
+        status: *mut cumulo_vdb_status,
+    ) -> i32;
+}
 unsafe extern "C" {
     pub fn cumulo_vdb_load_end(
         loading: *mut cumulo_vdb_loading,
@@ -185,6 +212,7 @@ unsafe extern "C" {
     pub fn cumulo_vdb_write(
         fd: i32,
         grids: *const *const cumulo_vdb_grid,
+        values: *const *const *const f32,
         count: usize,
         meta: *const cumulo_vdb_meta,
         codec: i32,

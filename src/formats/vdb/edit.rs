@@ -268,7 +268,7 @@ mod tests {
     fn wavy(n: i32) -> NativeGrid {
         let leaf = |i: i32| {
             let origin = [i / (n * n), i / n % n, i % n].map(|c| 8 * c);
-            let values = Box::new(std::array::from_fn(|v| 0.5 + 0.5 * (v as f32 * 0.37 + i as f32).sin()));
+            let values = std::array::from_fn(|v| 0.5 + 0.5 * (v as f32 * 0.37 + i as f32).sin());
             Leaf { origin, values, active: [u64::MAX; 8] }
         };
         NativeGrid::from_grid(&Grid {

@@ -19,14 +19,15 @@ pub(super) use generated::{
     cumulo_vdb_grid_set_matrix as grid_set_matrix, cumulo_vdb_grid_set_name as grid_set_name,
     cumulo_vdb_grid_to_fog as grid_to_fog, cumulo_vdb_grid_to_level_set as grid_to_level_set,
     cumulo_vdb_grid_turn_vectors as grid_turn_vectors, cumulo_vdb_grid_write_box as grid_write_box,
-    cumulo_vdb_info as Info, cumulo_vdb_layout as RawLayout, cumulo_vdb_leaves as RawLeaves,
-    cumulo_vdb_leaves_copy as leaves_copy, cumulo_vdb_leaves_count as leaves_count,
+    cumulo_vdb_info as Info, cumulo_vdb_layout as RawLayout, cumulo_vdb_leaf as RawPlaces,
+    cumulo_vdb_leaves as RawLeaves, cumulo_vdb_leaves_copy as leaves_copy, cumulo_vdb_leaves_count as leaves_count,
     cumulo_vdb_leaves_free as leaves_free, cumulo_vdb_leaves_new as leaves_new, cumulo_vdb_load_begin as load_begin,
-    cumulo_vdb_load_end as load_end, cumulo_vdb_load_leaves as load_leaves, cumulo_vdb_loading as RawLoading,
-    cumulo_vdb_meta as RawMeta, cumulo_vdb_meta_count as meta_count, cumulo_vdb_meta_entry as MetaEntry,
-    cumulo_vdb_meta_free as meta_free, cumulo_vdb_meta_get as meta_get, cumulo_vdb_meta_new as meta_new,
-    cumulo_vdb_meta_set as meta_set, cumulo_vdb_on_terminate as on_terminate, cumulo_vdb_tile as RawTile,
-    cumulo_vdb_tiles as tiles, cumulo_vdb_touch as touch, cumulo_vdb_version as version, cumulo_vdb_write as write,
+    cumulo_vdb_load_end as load_end, cumulo_vdb_load_leaves as load_leaves, cumulo_vdb_load_values as load_values,
+    cumulo_vdb_loading as RawLoading, cumulo_vdb_meta as RawMeta, cumulo_vdb_meta_count as meta_count,
+    cumulo_vdb_meta_entry as MetaEntry, cumulo_vdb_meta_free as meta_free, cumulo_vdb_meta_get as meta_get,
+    cumulo_vdb_meta_new as meta_new, cumulo_vdb_meta_set as meta_set, cumulo_vdb_on_terminate as on_terminate,
+    cumulo_vdb_tile as RawTile, cumulo_vdb_tiles as tiles, cumulo_vdb_touch as touch, cumulo_vdb_version as version,
+    cumulo_vdb_write as write,
 };
 
 use crate::error::{Code, Error, Result};

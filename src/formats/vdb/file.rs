@@ -9,16 +9,21 @@ use super::meta::Meta;
 use super::native::NativeGrid;
 use super::preflight::{self, Entry, Preflight};
 use super::source::Source;
+use super::topology;
 use super::up::StatedUp;
 use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
-use crate::scene::grid::{Grid, MetaValue};
+use crate::scene::bricks::too_large;
+use crate::scene::grid::{Grid, GridClass, Leaf, MetaValue};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Suffix of the name of a confidence grid, which says how well each voxel of the grid without the suffix is known.
 pub(crate) const CONFIDENCE: &str = "_confidence";
+
+/// Bytes that OpenVDB has of a leaf whose values are elsewhere.
+const LEAF_WITHOUT_VALUES: u64 = 160;
 
 /// A VDB file open for reading, or a file of another format whose grids are made as OpenVDB has them. Grids are loaded
 /// one by one, never lazily.
@@ -164,23 +169,44 @@ impl File {
     /// The conditions are those of [`File::read`] and [`NativeGrid::to_grid`].
     pub fn read_grid(&self, name: &str) -> Result<Grid> {
         let _reading = Reading::begin(&self.path);
-        self.read(name)?.to_grid_within(self.limits.max_memory).map_err(|e| e.at(&self.path))
+        let entry = self.find(name)?;
+        match (&self.content, &entry.layout) {
+            (Content::Stored(source), Some(layout)) if topology::is_scalar(&entry.grid_type) => {
+                let placed = |e: Error| e.at(&self.path).part(format!("grid '{}'", entry.name));
+                let damaged = |e| placed(e).hint("the file may be damaged; export it again");
+                let bytes = entry.topology.map_or(0, |t| t.leaves) * (size_of::<Leaf>() as u64 + LEAF_WITHOUT_VALUES);
+                if bytes > self.limits.max_memory {
+                    return Err(placed(too_large(bytes, self.limits.max_memory)));
+                }
+                let loaded = load::scalars(source, &self.preflight, (entry, layout), &self.limits);
+                let (grid, leaves) = loaded.map_err(damaged)?;
+                named(grid, entry).map_err(damaged)?.grid_of(leaves).map_err(placed)
+            }
+            _ => self.read(name)?.to_grid_within(self.limits.max_memory).map_err(|e| e.at(&self.path)),
+        }
     }
 
     /// Loads the grid of the density: the named one, else `density`, else the only float or double grid that is no
-    /// confidence grid.
+    /// confidence grid. A level set is loaded as the fog volume inside of its surface: densities are 0 outside, and rise
+    /// from 0 on the surface to 1 where the narrow band ends inside (OpenVDB's `sdfToFogVolume`).
     ///
     /// # Errors
-    /// If there is no such grid or more than one (the error lists the grids), if it is a level set (the error says how
-    /// to convert it) or a staggered grid, or if [`File::read_grid`] fails.
+    /// If there is no such grid or more than one (the error lists the grids), if it is a staggered grid, or if
+    /// [`File::read_grid`] fails.
     pub fn read_fog(&self, name: Option<&str>) -> Result<Grid> {
         let name = match name {
             Some(n) => n.to_owned(),
             None => self.density_name()?,
         };
         let grid = self.read_grid(&name)?;
-        super::require_fog(&grid).map_err(|e| e.at(&self.path))?;
-        Ok(grid)
+        let at = |e: Error| e.at(&self.path);
+        if grid.class != GridClass::LevelSet {
+            super::require_fog(&grid).map_err(at)?;
+            return Ok(grid);
+        }
+        drop(grid);
+        let mut native = self.read(&name)?;
+        native.make_fog().and_then(|()| native.to_grid_within(self.limits.max_memory)).map_err(at)
     }
 
     /// Returns the name of the grid that is taken for the density unless one is named: `density`, else the only float

@@ -11,7 +11,9 @@ use super::topology::{RUN, Walk};
 use super::up::UpMarks;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use crate::scene::grid::{LEAF_VOXELS, Leaf};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::ptr::{NonNull, null_mut};
 
 /// A grid while its leaves are loaded.
@@ -45,6 +47,22 @@ impl Loading {
         ffi::call(|s| unsafe { ffi::load_leaves(self.0.as_ptr(), first, count, bytes.as_ptr(), bytes.len(), s) })
     }
 
+    /// Decodes the leaves from `first` on, whose buffers are these bytes, and moves their values to these places: the
+    /// grid has its leaves without values then.
+    fn values(&self, first: usize, places: &mut [&mut Leaf], bytes: &[u8]) -> Result<()> {
+        let place = |leaf: &mut &mut Leaf| ffi::RawPlaces {
+            origin: &raw mut leaf.origin,
+            values: &raw mut leaf.values,
+            active: &raw mut leaf.active,
+        };
+        let raw: Vec<_> = places.iter_mut().map(place).collect();
+        // SAFETY: the handle is alive, the bytes and the places outlive the call, each place is a leaf's and no other
+        // call has it, and no other call has these leaves.
+        ffi::call(|s| unsafe {
+            ffi::load_values(self.0.as_ptr(), first, raw.len(), bytes.as_ptr(), bytes.len(), raw.as_ptr(), s)
+        })
+    }
+
     fn finish(self) -> Result<*mut ffi::RawGrid> {
         let mut grid = null_mut();
         // SAFETY: owned, and ended once: the drop does not run.
@@ -72,6 +90,45 @@ fn walk_topology(source: &Source, head: &[u8], preflight: &Preflight, entry: &En
         .ok_or_else(|| changed("the tree is another one"))
 }
 
+/// A grid of which all but the leaves' buffers is loaded.
+struct Begun<'s> {
+    source: &'s Source,
+    entry: &'s Entry,
+    layout: &'s Layout,
+    walk: Walk,
+    loading: Loading,
+}
+
+impl<'s> Begun<'s> {
+    fn new(
+        source: &'s Source,
+        preflight: &Preflight,
+        (entry, layout): (&'s Entry, &'s Layout),
+        limits: &Limits,
+    ) -> Result<Self> {
+        let leaves = entry.topology.map_or(0, |t| t.leaves);
+        let head = source.range(entry.span.from, layout.buffers)?;
+        let walk = walk_topology(source, &head, preflight, entry, limits)?;
+        let loading = Loading::begin(&head, preflight, entry, leaves)?;
+        Ok(Self { source, entry, layout, walk, loading })
+    }
+
+    /// Returns the bytes of a run of leaves' buffers, which are what they were when the file was opened.
+    fn run(&self, run: usize) -> Result<Vec<u8>> {
+        let from = self.layout.runs[run];
+        let until = self.layout.runs.get(run + 1).copied().unwrap_or(self.entry.span.end);
+        let bytes = self.source.range(from, until)?;
+        let mut c = self.source.cursor(&bytes, from);
+        self.walk.run(&mut c, self.leaves(run)).map_err(|e| changed(&e.what()))?;
+        if c.position() == until { Ok(bytes) } else { Err(changed("leaves end where they should not")) }
+    }
+
+    /// Returns the numbers of a run's leaves, in the order of the file.
+    fn leaves(&self, run: usize) -> Range<usize> {
+        run * RUN..self.walk.origins().len().min((run + 1) * RUN)
+    }
+}
+
 /// Loads the grid of an entry that has a layout.
 ///
 /// # Errors
@@ -79,29 +136,49 @@ fn walk_topology(source: &Source, head: &[u8], preflight: &Preflight, entry: &En
 pub(super) fn grid(
     source: &Source,
     preflight: &Preflight,
-    (entry, layout): (&Entry, &Layout),
+    found: (&Entry, &Layout),
     limits: &Limits,
 ) -> Result<NativeGrid> {
-    let leaves = entry.topology.map_or(0, |t| t.leaves);
-    let head = source.range(entry.span.from, layout.buffers)?;
-    let walk = walk_topology(source, &head, preflight, entry, limits)?;
-    let loading = Loading::begin(&head, preflight, entry, leaves)?;
-    drop(head);
+    let begun = Begun::new(source, preflight, found, limits)?;
     let run = |i: usize| {
-        let (first, from) = (i * RUN, layout.runs[i]);
-        let until = layout.runs.get(i + 1).copied().unwrap_or(entry.span.end);
-        let count = RUN.min(leaves as usize - first);
-        let bytes = source.range(from, until)?;
-        let mut c = source.cursor(&bytes, from);
-        walk.run(&mut c, first..first + count).map_err(|e| changed(&e.what()))?;
-        if c.position() != until {
-            return Err(changed("leaves end where they should not"));
-        }
-        loading.leaves(first, count, &bytes)
+        let leaves = begun.leaves(i);
+        begun.loading.leaves(leaves.start, leaves.len(), &begun.run(i)?)
     };
-    let runs: Vec<Result<()>> = (0..layout.runs.len()).into_par_iter().map(run).collect();
-    // The first error in file order is returned, independently of the threads.
-    runs.into_iter().collect::<Result<()>>()?;
+    first_error((0..begun.layout.runs.len()).into_par_iter().map(run))?;
     // SAFETY: fresh from the shim.
-    unsafe { NativeGrid::own(loading.finish()?, entry.name.clone()) }
+    unsafe { NativeGrid::own(begun.loading.finish()?, begun.entry.name.clone()) }
+}
+
+/// Loads the leaves of an entry of scalars that has a layout, in ascending order of origin, and the grid without the
+/// values of its leaves. There is one copy of the values at any time.
+///
+/// # Errors
+/// The conditions are those of [`grid`]; or if the entry holds vectors.
+pub(super) fn scalars(
+    source: &Source,
+    preflight: &Preflight,
+    found: (&Entry, &Layout),
+    limits: &Limits,
+) -> Result<(NativeGrid, Vec<Leaf>)> {
+    let begun = Begun::new(source, preflight, found, limits)?;
+    let origins = begun.walk.origins();
+    let mut sorted: Vec<usize> = (0..origins.len()).collect();
+    sorted.sort_unstable_by_key(|leaf| origins[*leaf].0);
+    let empty = |_| Leaf { origin: [0; 3], values: [0.0; LEAF_VOXELS], active: [0; 8] };
+    let mut leaves: Vec<Leaf> = (0..origins.len()).into_par_iter().map(empty).collect();
+    // In the order of the file.
+    let mut places: Vec<(usize, &mut Leaf)> = sorted.into_iter().zip(&mut leaves).collect();
+    places.sort_unstable_by_key(|(leaf, _)| *leaf);
+    let mut places: Vec<&mut Leaf> = places.into_iter().map(|(_, place)| place).collect();
+    let run = |(i, places): (usize, &mut [&mut Leaf])| begun.loading.values(i * RUN, places, &begun.run(i)?);
+    first_error(places.par_chunks_mut(RUN).enumerate().map(run))?;
+    // SAFETY: fresh from the shim.
+    let grid = unsafe { NativeGrid::own(begun.loading.finish()?, begun.entry.name.clone()) }?;
+    Ok((grid, leaves))
+}
+
+/// Returns the first error in file order, independently of the threads.
+fn first_error(runs: impl IndexedParallelIterator<Item = Result<()>>) -> Result<()> {
+    let all: Vec<Result<()>> = runs.collect();
+    all.into_iter().collect()
 }

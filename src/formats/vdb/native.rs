@@ -10,7 +10,7 @@ use glam::{DMat3, DMat4, DVec3};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashSet};
 use std::marker::PhantomData;
-use std::ptr::{NonNull, null_mut};
+use std::ptr::{NonNull, null, null_mut};
 
 /// A grid owned by the native library.
 #[derive(Debug)]
@@ -627,7 +627,7 @@ impl NativeGrid {
     /// If [`NativeGrid::to_grid`] fails, or both do not fit.
     pub(crate) fn to_grid_within(&self, max_memory: u64) -> Result<Grid> {
         let info = self.info()?;
-        let bytes = info.memory.saturating_add(info.leaf_count * (size_of::<Leaf>() + 4 * LEAF_VOXELS + 16) as u64);
+        let bytes = info.memory.saturating_add(info.leaf_count * size_of::<Leaf>() as u64);
         if bytes > max_memory {
             return Err(too_large(bytes, max_memory).part(format!("grid '{}'", self.name)));
         }
@@ -638,11 +638,19 @@ impl NativeGrid {
         }
         let leaves = self.leaves()?;
         let copied = (0..leaves.count).into_par_iter().map(|index| {
-            let mut values = Box::new([0.0; LEAF_VOXELS]);
-            let (origin, active) = leaves.copy(index, &mut values[..])?;
+            let mut values = [0.0; LEAF_VOXELS];
+            let (origin, active) = leaves.copy(index, &mut values)?;
             Ok(Leaf { origin, values, active })
         });
-        let leaves = copied.collect::<Result<_>>().map_err(self.place())?;
+        self.grid_of(copied.collect::<Result<_>>().map_err(self.place())?)
+    }
+
+    /// Returns the scalar grid of these leaves with the tiles, the metadata and all else of this one.
+    ///
+    /// # Errors
+    /// If the transform is not affine.
+    pub(super) fn grid_of(&self, leaves: Vec<Leaf>) -> Result<Grid> {
+        let info = self.info()?;
         let tile = |t: RawTile| Tile { origin: t.origin, dim: t.dim, value: t.value[0], active: t.active };
         Ok(Grid {
             transform: info.affine()?,
@@ -661,7 +669,12 @@ impl NativeGrid {
     /// If a tile's edge is not 8, 128 or 4096, OpenVDB has no type for the shape of a metadata value, or [`writable`]
     /// refuses the transform.
     pub fn from_grid(grid: &Grid) -> Result<Self> {
-        let leaves = grid.leaves.iter().map(|l| (l.origin, l.values.as_slice(), &l.active));
+        Self::of_grid(grid, true)
+    }
+
+    /// Builds a float grid as [`NativeGrid::from_grid`] does, whose leaves have no values unless `values` is set.
+    pub(super) fn of_grid(grid: &Grid, values: bool) -> Result<Self> {
+        let leaves = grid.leaves.iter().map(|l| (l.origin, values.then_some(l.values.as_slice()), &l.active));
         let tiles = grid.tiles.iter().map(|t| ffi::RawTile {
             origin: t.origin,
             dim: t.dim,
@@ -683,7 +696,7 @@ impl NativeGrid {
     /// # Errors
     /// If a leaf has the wrong number of values, [`writable`] refuses the transform, or OpenVDB reports an error.
     pub fn from_vectors(name: &str, class: GridClass, transform: &Affine, leaves: &[RawLeaf]) -> Result<Self> {
-        let leaves = leaves.iter().map(|l| (l.origin, l.values.as_slice(), &l.active));
+        let leaves = leaves.iter().map(|l| (l.origin, Some(l.values.as_slice()), &l.active));
         let mut native = Self::build(name, &[0.0; 3], leaves, &[])?;
         native.set_name(name)?;
         native.set_class(class)?;
@@ -703,7 +716,7 @@ impl NativeGrid {
         background: [f32; 3],
         raw: &RawGrid,
     ) -> Result<Self> {
-        let leaves = raw.leaves.iter().map(|l| (l.origin, l.values.as_slice(), &l.active));
+        let leaves = raw.leaves.iter().map(|l| (l.origin, Some(l.values.as_slice()), &l.active));
         let tiles = raw.tiles.iter().map(|t| ffi::RawTile {
             origin: t.origin,
             dim: t.dim,
@@ -717,32 +730,37 @@ impl NativeGrid {
         Ok(native)
     }
 
-    /// Builds a grid of as many components as `background` has.
+    /// Builds a grid of as many components as `background` has. All of its leaves have values, or none.
     fn build<'l>(
         name: &str,
         background: &[f32],
-        leaves: impl Iterator<Item = ([i32; 3], &'l [f32], &'l [u64; 8])>,
+        leaves: impl Iterator<Item = ([i32; 3], Option<&'l [f32]>, &'l [u64; 8])>,
         tiles: &[ffi::RawTile],
     ) -> Result<Self> {
         let components = background.len();
         let (mut origins, mut values, mut active) = (Vec::new(), Vec::new(), Vec::new());
         for (origin, own, mask) in leaves {
-            if own.len() != LEAF_VOXELS * components {
-                return Err(Error::invalid(format!("a leaf of {} values", own.len())).part(format!("grid '{name}'")));
+            if let Some(own) = own {
+                if own.len() != LEAF_VOXELS * components {
+                    let what = format!("a leaf of {} values", own.len());
+                    return Err(Error::invalid(what).part(format!("grid '{name}'")));
+                }
+                values.push(own.as_ptr());
             }
             origins.push(origin);
-            values.push(own.as_ptr());
             active.push(mask.as_ptr());
         }
         let mut raw = null_mut();
-        // SAFETY: the arrays have as many entries as their lengths say, each leaf 512 values a component and
+        // The pointer of an empty list is none.
+        let values = if values.len() == origins.len() { values.as_ptr() } else { null() };
+        // SAFETY: the arrays have as many entries as their lengths say, each leaf 512 values a component, or none, and
         // 8 words, and the shim copies them before it returns.
         let made = ffi::call(|s| unsafe {
             ffi::grid_new(
                 components as i32,
                 background.as_ptr(),
                 origins.as_ptr(),
-                values.as_ptr(),
+                values,
                 active.as_ptr(),
                 origins.len(),
                 tiles.as_ptr(),

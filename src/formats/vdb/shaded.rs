@@ -96,11 +96,7 @@ pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Br
         leaves: raw
             .leaves
             .iter()
-            .map(|l| Leaf {
-                origin: l.origin,
-                values: Box::new(std::array::from_fn(|i| l.values[3 * i + c])),
-                active: l.active,
-            })
+            .map(|l| Leaf { origin: l.origin, values: std::array::from_fn(|i| l.values[3 * i + c]), active: l.active })
             .collect(),
         tiles: raw
             .tiles

@@ -110,11 +110,23 @@ typedef struct cumulo_vdb_layout {
 int32_t cumulo_vdb_load_begin(const cumulo_vdb_layout* layout, cumulo_vdb_loading** out, cumulo_vdb_status* status);
 int32_t cumulo_vdb_load_leaves(const cumulo_vdb_loading* loading, size_t first, size_t count, const uint8_t* bytes,
                                size_t length, cumulo_vdb_status* status);
+/* Places of a leaf's origin, its 512 values and its active mask. */
+typedef struct cumulo_vdb_leaf {
+    int32_t (*origin)[3];
+    float (*values)[512];
+    uint64_t (*active)[8];
+} cumulo_vdb_leaf;
+/* Decodes leaves of scalars as `cumulo_vdb_load_leaves` does, copies them, and keeps no values. */
+int32_t cumulo_vdb_load_values(const cumulo_vdb_loading* loading, size_t first, size_t count, const uint8_t* bytes,
+                               size_t length, const cumulo_vdb_leaf* out, cumulo_vdb_status* status);
 int32_t cumulo_vdb_load_end(cumulo_vdb_loading* loading, cumulo_vdb_grid** out, cumulo_vdb_status* status);
-/* Writes a file from byte 0 of an open descriptor on, which stays the caller's. `meta` may be null. `codec`: 0 none,
- * 1 Blosc. `length` is the file's length; after CUMULO_VDB_IO too, where it is what would have been needed. */
-int32_t cumulo_vdb_write(int32_t fd, const cumulo_vdb_grid* const* grids, size_t count, const cumulo_vdb_meta* meta,
-                         int32_t codec, uint64_t* length, cumulo_vdb_status* status);
+/* Writes a file from byte 0 of an open descriptor on, which stays the caller's. `values` is null, or has for each grid
+ * the values of its leaves in ascending order of origin: the grids are float ones whose leaves have none. `meta` may be
+ * null. `codec`: 0 none, 1 Blosc. `length` is the file's length; after CUMULO_VDB_IO too, where it is what would have been
+ * needed. */
+int32_t cumulo_vdb_write(int32_t fd, const cumulo_vdb_grid* const* grids, const float* const* const* values,
+                         size_t count, const cumulo_vdb_meta* meta, int32_t codec, uint64_t* length,
+                         cumulo_vdb_status* status);
 
 /* Metadata. A handle from a grid is a view of that grid and keeps it alive. */
 int32_t cumulo_vdb_meta_new(cumulo_vdb_meta** out, cumulo_vdb_status* status);
@@ -152,7 +164,7 @@ int32_t cumulo_vdb_tiles(const cumulo_vdb_grid* grid, cumulo_vdb_tile* tiles, si
 int32_t cumulo_vdb_grid_same(const cumulo_vdb_grid* a, const cumulo_vdb_grid* b, int32_t* same,
                              cumulo_vdb_status* status);
 
-/* A float (components 1) or vec3s (components 3) grid. */
+/* A float (components 1) or vec3s (components 3) grid. Where `values` is null, its leaves have no values. */
 int32_t cumulo_vdb_grid_new(int32_t components, const float* background, const int32_t (*origins)[3],
                             const float* const* values, const uint64_t* const* active, size_t leaf_count,
                             const cumulo_vdb_tile* tiles, size_t tile_count, cumulo_vdb_grid** out,

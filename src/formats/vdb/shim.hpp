@@ -17,6 +17,7 @@
 #include <streambuf>
 #include <string>
 #include <system_error>
+#include <type_traits>
 
 struct cumulo_vdb_grid {
     openvdb::GridBase::Ptr grid;
@@ -36,6 +37,34 @@ using ScalarGrids = openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, o
                                       openvdb::BoolGrid, openvdb::MaskGrid>;
 using VectorGrids = openvdb::TypeList<openvdb::Vec3SGrid, openvdb::Vec3DGrid, openvdb::Vec3IGrid>;
 using ReadableGrids = ScalarGrids::Append<VectorGrids>;
+
+// Values as floats, component by component.
+template <typename T, typename = void> struct Components {
+    static constexpr int count = 1;
+    static void put(const T& v, float* out) { out[0] = float(v); }
+    static void put(const T& v, double* out) { out[0] = double(v); }
+    static T make(const float* v) { return T(v[0]); }
+};
+template <typename T> struct Components<T, std::enable_if_t<openvdb::VecTraits<T>::IsVec>> {
+    static constexpr int count = 3;
+    template <typename F> static void put(const T& v, F* out) {
+        for (int c = 0; c < 3; ++c) out[c] = F(v[c]);
+    }
+    static T make(const float* v) { return T(v[0], v[1], v[2]); }
+};
+
+template <typename LeafT> void copy_leaf(const void* pointer, int32_t* origin, float* values, uint64_t* active) {
+    using V = typename LeafT::ValueType;
+    using C = Components<V>;
+    const LeafT& leaf = *static_cast<const LeafT*>(pointer);
+    for (int c = 0; c < 3; ++c) origin[c] = leaf.origin()[c];
+    for (openvdb::Index w = 0; w < 8; ++w) active[w] = leaf.valueMask().template getWord<uint64_t>(w);
+    if constexpr (std::is_same_v<V, float>) {
+        std::memcpy(values, leaf.buffer().data(), sizeof(float) * LeafT::SIZE);
+    } else {
+        for (openvdb::Index i = 0; i < LeafT::SIZE; ++i) C::put(leaf.getValue(i), values + size_t(i) * C::count);
+    }
+}
 
 // The request makes no sense for this grid: the caller's fault, not the library's.
 struct Unsupported : std::runtime_error {

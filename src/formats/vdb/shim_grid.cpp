@@ -8,36 +8,11 @@
 #include <vector>
 
 using namespace openvdb;
+using cumulo::Components;
+using cumulo::copy_leaf;
 using cumulo::guarded;
 
 namespace {
-
-template <typename T, typename = void> struct Components {
-    static constexpr int count = 1;
-    static void put(const T& v, float* out) { out[0] = float(v); }
-    static void put(const T& v, double* out) { out[0] = double(v); }
-    static T make(const float* v) { return T(v[0]); }
-};
-template <typename T> struct Components<T, std::enable_if_t<VecTraits<T>::IsVec>> {
-    static constexpr int count = 3;
-    template <typename F> static void put(const T& v, F* out) {
-        for (int c = 0; c < 3; ++c) out[c] = F(v[c]);
-    }
-    static T make(const float* v) { return T(v[0], v[1], v[2]); }
-};
-
-template <typename LeafT> void copy_leaf(const void* pointer, int32_t* origin, float* values, uint64_t* active) {
-    using V = typename LeafT::ValueType;
-    using C = Components<V>;
-    const LeafT& leaf = *static_cast<const LeafT*>(pointer);
-    for (int c = 0; c < 3; ++c) origin[c] = leaf.origin()[c];
-    for (Index w = 0; w < 8; ++w) active[w] = leaf.valueMask().template getWord<uint64_t>(w);
-    if constexpr (std::is_same_v<V, float>) {
-        std::memcpy(values, leaf.buffer().data(), sizeof(float) * LeafT::SIZE);
-    } else {
-        for (Index i = 0; i < LeafT::SIZE; ++i) C::put(leaf.getValue(i), values + size_t(i) * C::count);
-    }
-}
 
 template <typename GridT>
 typename GridT::Ptr build(const float* background, const int32_t (*origins)[3], const float* const* values,
@@ -57,9 +32,15 @@ typename GridT::Ptr build(const float* background, const int32_t (*origins)[3], 
     std::vector<std::unique_ptr<LeafT>> leaves(leaf_count);
     tbb::parallel_for(tbb::blocked_range<size_t>(0, leaf_count, 64), [&](const tbb::blocked_range<size_t>& r) {
         for (size_t i = r.begin(); i != r.end(); ++i) {
-            auto leaf = std::make_unique<LeafT>(Coord(origins[i][0], origins[i][1], origins[i][2]));
-            V* out = leaf->buffer().data();
-            for (Index v = 0; v < LeafT::SIZE; ++v) out[v] = C::make(values[i] + size_t(v) * C::count);
+            const Coord origin(origins[i][0], origins[i][1], origins[i][2]);
+            std::unique_ptr<LeafT> leaf;
+            if (values) {
+                leaf = std::make_unique<LeafT>(origin);
+                V* out = leaf->buffer().data();
+                for (Index v = 0; v < LeafT::SIZE; ++v) out[v] = C::make(values[i] + size_t(v) * C::count);
+            } else {
+                leaf = std::make_unique<LeafT>(PartialCreate(), origin);
+            }
             auto mask = leaf->getValueMask();
             for (Index w = 0; w < 8; ++w) mask.template getWord<uint64_t>(w) = active[i][w];
             leaf->setValueMask(mask);

@@ -7,6 +7,7 @@
 
 #include <cerrno>
 #include <cstdlib>
+#include <map>
 #include <ostream>
 #include <streambuf>
 #include <system_error>
@@ -130,11 +131,67 @@ struct Archive : io::Archive {
         if (!grid) throw std::runtime_error("the library returned no grid");
         return grid;
     }
-    void put(std::ostream& out, const GridCPtrVec& grids, const MetaMap& meta) const {
-        io::Archive::write(out, grids, /*seekable=*/true, meta);
+    void put(std::ostream& out, const GridCPtrVec& grids, const float* const* const* values, const MetaMap& meta) const {
+        if (!values) return io::Archive::write(out, grids, /*seekable=*/true, meta);
+        // What `io::Archive::write` does, grid by grid.
+        auto stream = std::make_shared<io::StreamMetadata>();
+        io::setStreamMetadataPtr(out, stream, /*transfer=*/true);
+        writeHeader(out, /*seekable=*/true);
+        meta.writeMeta(out);
+        const auto count = int32_t(grids.size());
+        out.write(reinterpret_cast<const char*>(&count), sizeof count);
+        std::map<Name, int> times, numbered;
+        for (const auto& grid : grids) ++times[grid->getName()];
+        for (size_t i = 0; i < grids.size(); ++i) {
+            Name name = grids[i]->getName();
+            if (name.empty() || times[name] > 1) name = io::GridDescriptor::addSuffix(name, numbered[name]++);
+            io::GridDescriptor descriptor(name, grids[i]->type(), grids[i]->saveFloatAsHalf());
+            put_grid(out, descriptor, gridConstPtrCast<FloatGrid>(grids[i]), values[i]);
+        }
     }
 
 private:
+    // What `io::Archive::writeGrid` does, with leaves whose values come one by one: in ascending order of origin.
+    void put_grid(std::ostream& out, io::GridDescriptor& descriptor, const FloatGrid::ConstPtr& hollow,
+                  const float* const* values) const {
+        if (!hollow) throw cumulo::Unsupported("only grids of floats are written leaf by leaf");
+        using LeafT = FloatTree::LeafNodeType;
+        std::vector<const LeafT*> leaves;
+        hollow->tree().getNodes(leaves);
+        std::vector<size_t> sorted(leaves.size());
+        for (size_t i = 0; i < sorted.size(); ++i) sorted[i] = i;
+        std::sort(sorted.begin(), sorted.end(),
+                  [&](size_t a, size_t b) { return leaves[a]->origin() < leaves[b]->origin(); });
+        std::vector<const float*> own(leaves.size());
+        for (size_t i = 0; i < sorted.size(); ++i) own[sorted[i]] = values[i];
+
+        const FloatGrid::Ptr grid = gridPtrCast<FloatGrid>(ConstPtrCast<GridBase>(hollow->copyGrid()));
+        grid->addStatsMetadata();
+        const Index64 bytes = grid->memUsage() + Index64(leaves.size()) * LeafT::SIZE * sizeof(float);
+        grid->insertMeta(GridBase::META_FILE_MEM_BYTES, Int64Metadata(int64_t(bytes)));
+        descriptor.writeHeader(out);
+        const std::streampos positions = out.tellp();
+        descriptor.writeStreamPos(out);
+        descriptor.setGridPos(int64_t(out.tellp()));
+        setGridCompression(out, *grid);
+        grid->insertMeta(GridBase::META_FILE_COMPRESSION,
+                         StringMetadata(io::compressionToString(io::getDataCompression(out))));
+        grid->writeMeta(out);
+        grid->writeTransform(out);
+        grid->writeTopology(out);
+        descriptor.setBlockPos(int64_t(out.tellp()));
+        for (size_t i = 0; i < leaves.size(); ++i) {
+            LeafT leaf(leaves[i]->origin());
+            std::memcpy(leaf.buffer().data(), own[i], sizeof(float) * LeafT::SIZE);
+            leaf.setValueMask(leaves[i]->valueMask());
+            leaf.writeBuffers(out, grid->saveFloatAsHalf());
+        }
+        descriptor.setEndPos(int64_t(out.tellp()));
+        out.seekp(positions);
+        descriptor.writeStreamPos(out);
+        descriptor.seekToEnd(out);
+    }
+
     // The stream that is read has the address of this pointer.
     io::StreamMetadata::Ptr stream;
 };
@@ -234,8 +291,9 @@ int32_t cumulo_vdb_touch(const cumulo_vdb_grid* grid, cumulo_vdb_status* status)
     });
 }
 
-int32_t cumulo_vdb_write(int32_t fd, const cumulo_vdb_grid* const* grids, size_t count, const cumulo_vdb_meta* meta,
-                         int32_t codec, uint64_t* length, cumulo_vdb_status* status) {
+int32_t cumulo_vdb_write(int32_t fd, const cumulo_vdb_grid* const* grids, const float* const* const* values,
+                         size_t count, const cumulo_vdb_meta* meta, int32_t codec, uint64_t* length,
+                         cumulo_vdb_status* status) {
     return guarded(status, [&] {
         initialize();
         *length = 0;
@@ -246,7 +304,7 @@ int32_t cumulo_vdb_write(int32_t fd, const cumulo_vdb_grid* const* grids, size_t
         Sink sink(fd);
         std::ostream out(&sink);
         out.exceptions(std::ios_base::badbit | std::ios_base::failbit);
-        archive.put(out, all, meta ? *meta->map : MetaMap());
+        archive.put(out, all, values, meta ? *meta->map : MetaMap());
         out.flush();
         *length = sink.length();
         sink.finish();

@@ -16,7 +16,41 @@ struct cumulo_vdb_loading {
     io::StreamMetadata::Ptr meta;
     std::vector<void*> leaves;
     void (*read)(void* leaf, std::istream& stream, bool half) = nullptr;
+    void (*copy)(const void* leaf, int32_t* origin, float* values, uint64_t* active) = nullptr;
+    void (*release)(void* leaf) = nullptr;
+    int components = 0;
 };
+
+namespace {
+
+// Frees the values of a leaf; where they are bits, there is nothing to free.
+template <typename LeafT> void release_leaf(void* pointer) {
+    using V = typename LeafT::ValueType;
+    if constexpr (!std::is_same_v<V, bool> && !std::is_same_v<V, ValueMask>) {
+        typename LeafT::Buffer empty(PartialCreate(), zeroVal<V>());
+        static_cast<LeafT*>(pointer)->swap(empty);
+    }
+}
+
+// Decodes leaves from bytes, and calls `each` with the number of every one that is there.
+template <typename Each>
+void decode(const cumulo_vdb_loading* loading, size_t first, size_t count, const uint8_t* bytes, size_t length, Each&& each) {
+    if (first > loading->leaves.size() || count > loading->leaves.size() - first) throw std::out_of_range("leaves");
+    Part part(bytes, length);
+    // A copy: readers count leaves in it.
+    auto meta = std::make_shared<io::StreamMetadata>(*loading->meta);
+    io::setStreamMetadataPtr(part.stream, meta);
+    const bool half = loading->grid->saveFloatAsHalf();
+    for (size_t i = first; i < first + count; ++i) {
+        loading->read(loading->leaves[i], part.stream, half);
+        each(i);
+    }
+    if (part.stream.tellg() != std::streampos(std::streamoff(length))) {
+        throw std::runtime_error("leaves end where they should not");
+    }
+}
+
+} // namespace
 
 extern "C" {
 
@@ -51,6 +85,9 @@ int32_t cumulo_vdb_load_begin(const cumulo_vdb_layout* layout, cumulo_vdb_loadin
             std::vector<LeafT*> found; // depth first: in the order of their buffers
             typed.tree().getNodes(found);
             loading->leaves.assign(found.begin(), found.end());
+            loading->copy = &cumulo::copy_leaf<LeafT>;
+            loading->release = &release_leaf<LeafT>;
+            loading->components = cumulo::Components<typename LeafT::ValueType>::count;
             loading->read = [](void* leaf, std::istream& stream, bool half) {
                 static_cast<LeafT*>(leaf)->readBuffers(stream, half);
             };
@@ -63,17 +100,18 @@ int32_t cumulo_vdb_load_begin(const cumulo_vdb_layout* layout, cumulo_vdb_loadin
 
 int32_t cumulo_vdb_load_leaves(const cumulo_vdb_loading* loading, size_t first, size_t count, const uint8_t* bytes,
                                size_t length, cumulo_vdb_status* status) {
+    return guarded(status, [&] { decode(loading, first, count, bytes, length, [](size_t) {}); });
+}
+
+int32_t cumulo_vdb_load_values(const cumulo_vdb_loading* loading, size_t first, size_t count, const uint8_t* bytes,
+                               size_t length, const cumulo_vdb_leaf* out, cumulo_vdb_status* status) {
     return guarded(status, [&] {
-        if (first > loading->leaves.size() || count > loading->leaves.size() - first) throw std::out_of_range("leaves");
-        Part part(bytes, length);
-        // A copy: readers count leaves in it.
-        auto meta = std::make_shared<io::StreamMetadata>(*loading->meta);
-        io::setStreamMetadataPtr(part.stream, meta);
-        const bool half = loading->grid->saveFloatAsHalf();
-        for (size_t i = first; i < first + count; ++i) loading->read(loading->leaves[i], part.stream, half);
-        if (part.stream.tellg() != std::streampos(std::streamoff(length))) {
-            throw std::runtime_error("leaves end where they should not");
-        }
+        if (loading->components != 1) throw cumulo::Unsupported("the grid holds vectors, scalars are needed");
+        decode(loading, first, count, bytes, length, [&](size_t i) {
+            const cumulo_vdb_leaf& leaf = out[i - first];
+            loading->copy(loading->leaves[i], *leaf.origin, *leaf.values, *leaf.active);
+            loading->release(loading->leaves[i]);
+        });
     });
 }
 

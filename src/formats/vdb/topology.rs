@@ -77,6 +77,12 @@ impl ValueType {
     }
 }
 
+/// Returns true if the grids of a tree's type hold scalars that can be walked.
+pub(super) fn is_scalar(grid_type: &str) -> bool {
+    let scalar = |value: ValueType| value.leaf != LeafKind::Opaque && value.size <= 8;
+    ValueType::of(grid_type, false).is_some_and(scalar)
+}
+
 /// Size of a tree, counted in the file.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Topology {
@@ -130,6 +136,11 @@ impl Walk {
     /// Size of the tree.
     pub(super) fn tree_size(&self) -> Topology {
         self.found
+    }
+
+    /// Returns the origin and the number of active voxels of each leaf, in the order of the file.
+    pub(super) fn origins(&self) -> &[([i32; 3], u16)] {
+        &self.leaves
     }
 
     /// True if the buffers are walked too, so that nothing in the grid is left unchecked.

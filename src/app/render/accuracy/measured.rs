@@ -3,7 +3,7 @@
 use super::{AccuracySettings, Made, STOPPED};
 use crate::formats::exr::Attributes;
 use crate::render::accuracy::interval::{Doubt, Intervals};
-use crate::render::film::{Blocks, EDGE, PixelSums, Rendered, Replicates};
+use crate::render::film::{Blocks, EDGE, FEWEST, PixelSums, Rendered, Replicates};
 use crate::scene::film::Plane;
 use serde::Serialize;
 use std::fmt;
@@ -25,6 +25,9 @@ pub(in crate::app::render) struct PictureError {
     certified: usize,
     /// Other blocks, by the reason.
     doubtful: Vec<Doubtful>,
+    /// Replicates that the target is expected to take in all; none without a target, and where it is reached.
+    #[serde(skip)]
+    needed: Option<u32>,
     /// Independent replicates.
     replicates: u32,
     /// Numbers of the replicates, by the seed of their random numbers.
@@ -153,6 +156,7 @@ impl Measured {
             blocks,
             certified: blocks - doubtful.iter().map(|d| d.blocks).sum::<usize>(),
             doubtful,
+            needed: target.and_then(|target| needed(&intervals, target, made.count())),
             replicates: made.count(),
             made_of: streams.to_string(),
             paths: [
@@ -171,6 +175,20 @@ impl Measured {
         }
         Self { rendered: Rendered { film, counts: made.counts() }, error }
     }
+}
+
+/// Returns the replicates that a target takes in all, as errors fall with the root of their number; `None` where it is
+/// reached in all blocks whose error is known. Of rare events no number is known that would suffice.
+fn needed(intervals: &Intervals, target: f64, count: u32) -> Option<u32> {
+    let of_block = |block| {
+        let times = match intervals.doubt(block, Some(target))? {
+            Doubt::Wide => (intervals.relative(block) / target).powi(2),
+            Doubt::FewReplicates => f64::from(FEWEST) / f64::from(count.max(1)),
+            Doubt::RareEvents | Doubt::NoLight => return None,
+        };
+        Some((times * f64::from(count)).ceil().max(f64::from(count) + 1.0) as u32)
+    };
+    (0..intervals.blocks.len()).filter_map(of_block).max()
 }
 
 /// Returns the planes of a picture's error: `error.V`, the error of each pixel's block by the picture's scale, infinite
@@ -207,6 +225,12 @@ impl PictureError {
         if self.stopped {
             attributes.insert(STOPPED.into(), "true".into());
         }
+    }
+
+    /// Returns the replicates that the target is expected to take beside those of the picture; `None` where it is
+    /// reached, or there is none.
+    pub(in crate::app::render) fn missing(&self) -> Option<u32> {
+        self.needed.map(|needed| needed.saturating_sub(self.replicates).max(1))
     }
 
     /// True if the picture was stopped before it was done.

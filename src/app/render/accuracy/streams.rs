@@ -1,6 +1,7 @@
 //! Which random numbers a picture is made of.
 
 use crate::error::{Error, Result};
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
@@ -37,6 +38,15 @@ impl Streams {
     /// Returns the number of replicates.
     pub(in crate::app::render) fn count(&self) -> u32 {
         self.ranges.values().flatten().fold(0, |sum, [first, last]| sum.saturating_add(last - first + 1))
+    }
+
+    /// Returns so many replicates that follow those of the seed that has most.
+    pub(in crate::app::render) fn following(&self, count: u32) -> Self {
+        let of =
+            |ranges: &[[u32; 2]]| ranges.iter().fold(0_u64, |sum, [first, last]| sum + u64::from(last - first) + 1);
+        let most = self.ranges.iter().max_by_key(|(seed, ranges)| (of(ranges), Reverse(**seed)));
+        let (seed, next) = most.map_or((0, 0), |(seed, ranges)| (*seed, ranges.last().map_or(0, |[_, last]| last + 1)));
+        Self::range(seed, next, next.saturating_add(count - 1))
     }
 
     /// Adds other replicates.
@@ -120,6 +130,8 @@ mod tests {
         }
         assert_eq!((all.to_string().as_str(), all.count()), ("seed 0: 0-15, 32-47; seed 7: 3", 33));
         assert_eq!(all.to_string().parse::<Streams>().unwrap(), all);
+        assert_eq!(all.following(5).to_string(), "seed 0: 48-52");
+        assert_eq!(Streams::default().following(1).to_string(), "seed 0: 0");
         for (first, last) in [(0, 0), (15, 20), (16, 32), (0, 100), (40, 41)] {
             assert!(all.clone().add(&Streams::range(0, first, last)).is_err(), "{first} {last}");
         }
