@@ -509,6 +509,9 @@ class Merged(Report):
     """Report of a joined picture."""
 
     accuracy: dict[str, Any] | None
+    missing: str | None
+    """Numbers of further replicates that the wanted error is expected to take, by the seed of their random numbers;
+    null where it is reached, or none is wanted."""
     output: pathlib.Path
     pictures: int
     """Pictures that were joined."""
