@@ -4,12 +4,27 @@ import bpy
 from cumulo import bpy_scene
 
 from .job import Job, labelled
-from .settings import folder_of
+from .settings import IGNORE, IGNORING, folder_of
 
 
 def frames_to_show(scene, animation):
     """The numbers of the scene's animation, or of its present frame."""
     return bpy_scene.frames_of(scene) if animation else (scene.frame_current,)
+
+
+def export_of(operator, scene, folder):
+    """Steps that export a scene as the properties of an operator say, and report what is left out; they return the Export."""
+    frames = frames_to_show(scene, operator.animation)
+    try:
+        exported = yield from labelled("export", bpy_scene.export_steps(folder, scene, frames, operator.ignore))
+    except bpy_scene.Refused as refused:
+        optional = sum(bool(complaint.without) for complaint in refused.complaints)
+        if operator.ignore or not optional:
+            raise
+        raise ValueError(f"{refused}\n{IGNORE} leaves out {optional} of these {len(refused.complaints)}") from refused
+    for each in exported.left_out:
+        operator.report({"WARNING"}, f"Left out: {each}")
+    return exported
 
 
 class ExportScene(Job, bpy.types.Operator):
@@ -24,11 +39,11 @@ class ExportScene(Job, bpy.types.Operator):
     animation: bpy.props.BoolProperty(
         name="Animation", description="All frames of the scene, in place of the present one"
     )
+    ignore: bpy.props.BoolProperty(name=IGNORE, description=IGNORING)
 
     def steps(self, context):
         """Exports one frame a step, and gives the command that renders what was written."""
         scene = context.scene
         folder = folder_of(self.folder or scene.cumulo.folder)
-        frames = frames_to_show(scene, self.animation)
-        exported = yield from labelled("export", bpy_scene.export_steps(folder, scene, frames))
+        exported = yield from export_of(self, scene, folder)
         self.report({"INFO"}, exported.command(folder / "render"))

@@ -32,9 +32,11 @@ class Panel(bpy.types.Panel):
         box.label(text="Scene", icon="SCENE_DATA")
         box.prop(settings, "samples")
         box.prop(settings, "animation")
-        box.operator("cumulo.export_scene").animation = settings.animation
+        box.prop(settings, "ignore")
+        button = box.operator("cumulo.export_scene")
+        button.animation, button.ignore = settings.animation, settings.ignore
         button = box.operator("cumulo.render")
-        button.animation, button.samples = settings.animation, settings.samples
+        button.animation, button.samples, button.ignore = settings.animation, settings.samples, settings.ignore
 
     def _reconstruction(self, box, settings):
         box.label(text="Reconstruction", icon="OUTLINER_OB_VOLUME")

@@ -1,11 +1,10 @@
 """Operator: Render with Cumulo."""
 
 import bpy
-from cumulo import bpy_scene
 
-from .export import frames_to_show
-from .job import Job, labelled
-from .settings import folder_of
+from .export import export_of
+from .job import Job
+from .settings import IGNORE, IGNORING, folder_of
 from .work import run
 
 # Name of the image that shows the result, and the property by which it is known, for others may have its name.
@@ -26,20 +25,20 @@ class Render(Job, bpy.types.Operator):
         name="Animation", description="All frames of the scene, in place of the present one"
     )
     samples: bpy.props.IntProperty(name="Samples", description="Paths per pixel", default=64, min=1)
+    ignore: bpy.props.BoolProperty(name=IGNORE, description=IGNORING)
 
     def steps(self, context):
         """Exports the scene, renders it, and loads the pictures."""
         scene = context.scene
         folder = folder_of(self.folder) if self.folder else folder_of(scene.cumulo.folder) / "render"
-        frames = frames_to_show(scene, self.animation)
-        exported = yield from labelled("export", bpy_scene.export_steps(folder / "scene", scene, frames))
+        exported = yield from export_of(self, scene, folder / "scene")
         words = [*exported.arguments(folder, self.samples), "--overwrite"]
         if self.animation:
             # What Denoise Sequence follows.
             words += ["--aov", "motion"]
         yield from run(words)
-        image = show(folder / f"frame.{frames[0]:04}.exr", len(frames))
-        self.report({"INFO"}, f"{pictures_in(folder, len(frames))}, and the image {image.name}")
+        image = show(folder / f"frame.{exported.frames[0]:04}.exr", len(exported.frames))
+        self.report({"INFO"}, f"{pictures_in(folder, len(exported.frames))}, and the image {image.name}")
 
 
 def pictures_in(folder, count):

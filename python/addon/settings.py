@@ -4,6 +4,10 @@ import pathlib
 
 import bpy
 
+# Name and description of the switch that lets an export carry on.
+IGNORE = "Leave Out What Is Not Supported"
+IGNORING = "Export without meshes, lights and blur that Cumulo does not have, and report each; else nothing is exported"
+
 
 def _is_volume(_, thing):
     return thing.type == "VOLUME"
@@ -42,6 +46,7 @@ class Settings(bpy.types.PropertyGroup):
     animation: bpy.props.BoolProperty(
         name="Animation", description="All frames of the scene, in place of the present one"
     )
+    ignore: bpy.props.BoolProperty(name=IGNORE, description=IGNORING)
 
 
 def folder_of(path):

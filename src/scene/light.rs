@@ -2,6 +2,9 @@
 //!
 //! Lights are not seen by cameras and cast no shadows themselves; only media attenuate them.
 
+use super::ball::{Ball, Towards};
+use super::cone::Cone;
+use super::directions::{in_cone, solid_angle, towards};
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Ray};
 use glam::{DVec3, Vec3};
@@ -34,6 +37,29 @@ pub enum Light {
         radius: f64,
         /// Radiance that leaves the sphere.
         radiance: Vec3,
+    },
+    /// A disc that turns to whatever it lights and emits the same in all directions: Blender's point light with Soft
+    /// Falloff. It lights from inside its radius as well.
+    Disc {
+        /// Centre in world space.
+        centre: DVec3,
+        /// Radius in world units.
+        radius: f64,
+        /// Radiance that leaves the disc.
+        radiance: Vec3,
+    },
+    /// A point, a sphere or a turning disc whose light leaves in a cone.
+    Spot {
+        /// Position, or centre, in world space.
+        position: DVec3,
+        /// Radius in world units, 0 of a point.
+        radius: f64,
+        /// True of a disc as [`Light::Disc`], false of a sphere.
+        soft: bool,
+        /// Radiant intensity along the axis of the cone, as seen from far away.
+        intensity: Vec3,
+        /// Cone that light leaves in.
+        cone: Cone,
     },
     /// A parallelogram that emits to one side, the same in all directions.
     Rectangle {
@@ -69,11 +95,6 @@ pub struct LightBounds {
     pub fluence: Vec3,
 }
 
-/// The solid angle of a cone, `2π (1 - cos θ)`, from the sine of half its opening angle θ.
-fn cone(half_sine: f64) -> f64 {
-    2.0 * TAU * half_sine * half_sine
-}
-
 impl Light {
     /// Returns the light if its numbers can be used; directions are normalised.
     ///
@@ -84,6 +105,8 @@ impl Light {
         let (Self::Sun { irradiance: power, .. }
         | Self::Point { intensity: power, .. }
         | Self::Sphere { radiance: power, .. }
+        | Self::Disc { radiance: power, .. }
+        | Self::Spot { intensity: power, .. }
         | Self::Rectangle { radiance: power, .. }) = self;
         if !(power.is_finite() && power.min_element() >= 0.0) {
             return bad(format!("light of {power} must be finite and not negative"), "correct the light's color");
@@ -103,10 +126,20 @@ impl Light {
             Self::Point { position, .. } if !position.is_finite() => {
                 bad(format!("point light at {position}"), "give finite coordinates")
             }
-            Self::Sphere { centre, radius, .. } if !(centre.is_finite() && radius > 0.0 && radius.is_finite()) => bad(
-                format!("sphere light at {centre} with radius {radius}"),
-                "give finite coordinates and a positive radius, or use a point light",
-            ),
+            Self::Sphere { centre, radius, .. } | Self::Disc { centre, radius, .. }
+                if !(centre.is_finite() && radius > 0.0 && radius.is_finite()) =>
+            {
+                bad(
+                    format!("sphere light at {centre} with radius {radius}"),
+                    "give finite coordinates and a positive radius, or use a point light",
+                )
+            }
+            Self::Spot { position, radius, .. } if !(position.is_finite() && radius >= 0.0 && radius.is_finite()) => {
+                bad(
+                    format!("spot light at {position} with radius {radius}"),
+                    "give finite coordinates and a radius from 0 on",
+                )
+            }
             Self::Rectangle { corner, edges: [u, v], .. }
                 if !(corner.is_finite() && u.cross(v).is_finite() && u.cross(v).length() > 0.0) =>
             {
@@ -125,6 +158,8 @@ impl Light {
             Self::Sun { .. } => "a sun",
             Self::Point { .. } => "a point light",
             Self::Sphere { .. } => "a sphere light",
+            Self::Disc { .. } => "a sphere light with soft falloff",
+            Self::Spot { .. } => "a spot light",
             Self::Rectangle { .. } => "a rectangle light",
         }
     }
@@ -139,18 +174,24 @@ impl Light {
         match *self {
             Self::Sun { irradiance, angle, .. } => match half_sine_of_sun(angle) {
                 0.0 => LightBounds { radiance: unlimited(irradiance), fluence: irradiance },
-                half_sine => extended(irradiance / disc(half_sine) as f32, cone(half_sine)),
+                half_sine => extended(irradiance / disc(half_sine) as f32, solid_angle(half_sine)),
             },
-            Self::Point { position, intensity } => {
-                let nearest = distance(position);
-                // From nearby, infinite; from far away, the square must not round to 0.
-                let fluence = intensity * (1.0 / (nearest * nearest)) as f32;
-                let black = intensity.cmpeq(Vec3::ZERO);
-                LightBounds { radiance: unlimited(intensity), fluence: Vec3::select(black, Vec3::ZERO, fluence) }
-            }
+            Self::Point { position, intensity } => of_point(intensity, distance(position)),
             Self::Sphere { centre, radius, radiance } => {
-                let half_sine = half_sine_of_sphere(distance(centre), radius);
-                extended(radiance, half_sine.map_or(f64::INFINITY, cone))
+                let half_sine = Ball { centre, radius, soft: false }.half_sine(distance(centre));
+                extended(radiance, half_sine.map_or(f64::INFINITY, solid_angle))
+            }
+            Self::Disc { centre, radius, radiance } => {
+                let half_sine = Ball { centre, radius, soft: true }.half_sine(distance(centre));
+                extended(radiance, half_sine.map_or(f64::INFINITY, solid_angle))
+            }
+            Self::Spot { position, radius, soft, intensity, cone: shape } => {
+                let intensity = intensity * most_towards(&shape, (position, radius), within);
+                if radius == 0.0 {
+                    return of_point(intensity, distance(position));
+                }
+                let half_sine = Ball { centre: position, radius, soft }.half_sine(distance(position));
+                extended(radiance_of(intensity, radius), half_sine.map_or(f64::INFINITY, solid_angle))
             }
             Self::Rectangle { corner, edges: [u, v], radiance } => {
                 let middle = corner + 0.5 * (u + v);
@@ -172,23 +213,24 @@ impl Light {
                     direction: in_cone(direction, half_sine, [u, v]),
                     distance: f64::INFINITY,
                     radiance: irradiance / disc(half_sine) as f32,
-                    density: 1.0 / cone(half_sine),
+                    density: 1.0 / solid_angle(half_sine),
                 },
             }),
-            Self::Point { position, intensity } => {
-                let (direction, distance) = towards(from, position)?;
-                let radiance = intensity / (distance * distance) as f32;
-                Some(Arrival { direction, distance, radiance, density: f64::INFINITY })
-            }
+            Self::Point { position, intensity } => from_point(from, position, intensity),
             Self::Sphere { centre, radius, radiance } => {
-                let (axis, distance) = towards(from, centre)?;
-                let half_sine = half_sine_of_sphere(distance, radius)?;
-                let direction = in_cone(axis, half_sine, [u, v]);
-                // A direction on the cone's rim may miss the sphere by rounding.
-                let along = axis.dot(direction) * distance;
-                let across = (distance * distance - along * along).max(0.0);
-                let near = along - (radius * radius - across).max(0.0).sqrt();
-                Some(Arrival { direction, distance: near, radiance, density: 1.0 / cone(half_sine) })
+                Some(Arrival::of(Ball { centre, radius, soft: false }.sample(from, [u, v])?, radiance))
+            }
+            Self::Disc { centre, radius, radiance } => {
+                Some(Arrival::of(Ball { centre, radius, soft: true }.sample(from, [u, v])?, radiance))
+            }
+            Self::Spot { position, radius, soft, intensity, cone } => {
+                let arrival = if radius == 0.0 {
+                    from_point(from, position, intensity)?
+                } else {
+                    let met = Ball { centre: position, radius, soft }.sample(from, [u, v])?;
+                    Arrival::of(met, radiance_of(intensity, radius))
+                };
+                arrival.shaped(&cone)
             }
             Self::Rectangle { corner, edges, radiance } => {
                 let (direction, distance) = towards(from, corner + u * edges[0] + v * edges[1])?;
@@ -214,22 +256,22 @@ impl Light {
                     direction,
                     distance: f64::INFINITY,
                     radiance: irradiance / disc(half_sine) as f32,
-                    density: 1.0 / cone(half_sine),
+                    density: 1.0 / solid_angle(half_sine),
                 })
             }
             Self::Point { .. } => None,
             Self::Sphere { centre, radius, radiance } => {
-                let to = centre - ray.origin;
-                let half_sine = half_sine_of_sphere(to.length(), radius)?;
-                let along = to.dot(direction);
-                let across = (to - along * direction).length_squared();
-                let inside = radius * radius - across;
-                (along > 0.0 && inside > 0.0).then(|| Arrival {
-                    direction,
-                    distance: along - inside.sqrt(),
-                    radiance,
-                    density: 1.0 / cone(half_sine),
-                })
+                Some(Arrival::of(Ball { centre, radius, soft: false }.hit(ray)?, radiance))
+            }
+            Self::Disc { centre, radius, radiance } => {
+                Some(Arrival::of(Ball { centre, radius, soft: true }.hit(ray)?, radiance))
+            }
+            Self::Spot { position, radius, soft, intensity, cone } => {
+                if radius == 0.0 {
+                    return None;
+                }
+                let met = Ball { centre: position, radius, soft }.hit(ray)?;
+                Arrival::of(met, radiance_of(intensity, radius)).shaped(&cone)
             }
             Self::Rectangle { corner, edges: [u, v], radiance } => {
                 let normal = u.cross(v);
@@ -253,6 +295,52 @@ impl Light {
     }
 }
 
+impl Arrival {
+    /// Returns the light of this radiance that comes from a ball.
+    #[inline(always)]
+    fn of(met: Towards, radiance: Vec3) -> Self {
+        let Towards { direction, distance, density } = met;
+        Self { direction, distance, radiance, density }
+    }
+
+    /// Returns the share of the light that leaves in a cone; `None` if none does.
+    #[inline(always)]
+    fn shaped(self, cone: &Cone) -> Option<Self> {
+        let share = cone.share(-self.direction);
+        (share > 0.0).then(|| Self { radiance: share * self.radiance, ..self })
+    }
+}
+
+/// Returns light that arrives from a point; `None` in it.
+#[inline(always)]
+fn from_point(from: DVec3, position: DVec3, intensity: Vec3) -> Option<Arrival> {
+    let (direction, distance) = towards(from, position)?;
+    let radiance = intensity / (distance * distance) as f32;
+    Some(Arrival { direction, distance, radiance, density: f64::INFINITY })
+}
+
+/// Returns upper bounds of the light of a point at a distance or farther.
+fn of_point(intensity: Vec3, nearest: f64) -> LightBounds {
+    // From nearby, infinite; from far away, the square must not round to 0.
+    let fluence = intensity * (1.0 / (nearest * nearest)) as f32;
+    let black = intensity.cmpeq(Vec3::ZERO);
+    LightBounds { radiance: unlimited(intensity), fluence: Vec3::select(black, Vec3::ZERO, fluence) }
+}
+
+/// Returns the radiance of a ball of that intensity.
+#[inline(always)]
+fn radiance_of(intensity: Vec3, radius: f64) -> Vec3 {
+    intensity / (PI * radius * radius) as f32
+}
+
+/// Returns the largest share of a cone's light that leaves a ball towards a box.
+fn most_towards(cone: &Cone, (centre, radius): (DVec3, f64), within: Aabb) -> f32 {
+    let around = 0.5 * within.size().length() + radius;
+    let Some((direction, distance)) = towards(centre, within.centre()) else { return 1.0 };
+    // Rays from the ball into the box differ from the axis of both by no more than those between spheres around them.
+    if around < distance { cone.largest_share(direction, (around / distance).asin()) } else { 1.0 }
+}
+
 /// Returns an infinite radiance in channels that have light.
 fn unlimited(light: Vec3) -> Vec3 {
     Vec3::select(light.cmpeq(Vec3::ZERO), Vec3::ZERO, Vec3::INFINITY)
@@ -272,51 +360,22 @@ fn disc(half_sine: f64) -> f64 {
     PI * drop * (2.0 - drop)
 }
 
-/// Returns the unit vector to a point, and the world length; `None` if both points are one.
-fn towards(from: DVec3, to: DVec3) -> Option<(DVec3, f64)> {
-    let offset = to - from;
-    let distance = offset.length();
-    (distance > 0.0).then(|| (offset / distance, distance))
-}
-
-/// Returns the sine of half of the angular radius under which a sphere is seen; `None` from inside.
-fn half_sine_of_sphere(distance: f64, radius: f64) -> Option<f64> {
-    let sine = radius / distance;
-    (sine < 1.0).then(|| {
-        let cosine = ((1.0 - sine) * (1.0 + sine)).sqrt();
-        // sin²(θ/2) = (1 - cos θ) / 2 = sin² θ / (2 (1 + cos θ)).
-        sine / (2.0 * (1.0 + cosine)).sqrt()
-    })
-}
-
-/// Returns a direction in a cone around an axis, uniform in solid angle.
-fn in_cone(axis: DVec3, half_sine: f64, [u, v]: [f64; 2]) -> DVec3 {
-    // 1 - cos θ, uniform from 0 to that of the rim.
-    let drop = 2.0 * half_sine * half_sine * u;
-    around(axis, 1.0 - drop, (drop * (2.0 - drop)).max(0.0).sqrt(), v)
-}
-
-/// Returns the unit vector at an angle to an axis that is given by its cosine and sine, turned about the axis by a
-/// share of a full turn.
-#[inline]
-pub fn around(axis: DVec3, cosine: f64, sine: f64, turn: f64) -> DVec3 {
-    let (x, y) = axis.any_orthonormal_pair();
-    let (sin, cos) = (TAU * turn).sin_cos();
-    (sine * (cos * x + sin * y) + cosine * axis).normalize()
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
+    use super::super::directions::around;
     use super::*;
 
-    fn lights() -> [Light; 5] {
+    fn lights() -> [Light; 7] {
+        let cone = Cone::new(DVec3::new(-1.0, 0.5, -0.3), 3.0, 0.2).unwrap();
         let radiance = Vec3::new(1.0, 2.0, 3.0);
         [
             Light::Sun { direction: DVec3::new(1.0, 2.0, 2.0), irradiance: radiance, angle: 0.3 },
             Light::Sun { direction: DVec3::Z, irradiance: radiance, angle: 3.0 },
             Light::Sphere { centre: DVec3::new(2.0, -1.0, 0.5), radius: 1.2, radiance },
             Light::Sphere { centre: DVec3::new(1e4, 0.0, 0.0), radius: 1e-2, radiance },
+            Light::Disc { centre: DVec3::new(1.0, -1.0, 0.5), radius: 1.8, radiance },
+            Light::Spot { position: DVec3::Y, radius: 0.4, soft: false, intensity: radiance, cone },
             Light::Rectangle {
                 corner: DVec3::new(-1.0, -2.0, 3.0),
                 edges: [DVec3::new(0.3, 2.5, 0.4), DVec3::new(2.0, 0.1, -0.5)],

@@ -4,11 +4,14 @@
 pub mod active;
 pub mod aim;
 pub mod albedo;
+mod ball;
 pub mod bricks;
 pub mod camera;
 pub mod capture;
 pub mod color_space;
+pub mod cone;
 pub mod dense;
+pub(crate) mod directions;
 pub mod display;
 pub mod emission;
 pub mod environment;

@@ -182,12 +182,19 @@ fn scene_files_become_stages() {
             {"type": "PointLight", "position": [1, 2, 3], "intensity": [4, 2, 1]},
             {"type": "SphereLight", "centre": [0, 0, 5], "radius": 0.5, "radiance": [1, 2, 3]},
             {"type": "RectLight", "corner": [1, 1, 5], "edges": [[2, 0, 0], [0, 3, 0]], "radiance": [2, 2, 2]},
+            {"type": "SphereLight", "centre": [0, 0, 7], "radius": 0.25, "radiance": [1, 1, 1], "soft_falloff": true},
+            {"type": "SpotLight", "position": [1, 2, 3], "direction": [1, 0, -2], "intensity": [4, 2, 1], "angle": 50,
+             "blend": 0.3, "radius": 0.2, "soft_falloff": true},
+            {"type": "SpotLight", "position": [3, 2, 1], "direction": [0, 0, 1], "intensity": [1, 1, 1], "angle": 200},
             {"type": "DomeLight", "radiance": [0.2, 0.3, 0.5]}
-        ]
+        ],
+        "left_out": ["object 'Cube': a mesh", "light \"Lamp\": a disk"]
     });
     fs::write(work.path("scene.json"), scene.to_string()).unwrap();
     let report = work.json("usd author scene.json -o scene.usda");
-    assert_eq!((report["volumes"].as_array().unwrap().len(), &report["lights"]), (2, &4.into()));
+    assert_eq!((report["volumes"].as_array().unwrap().len(), &report["lights"]), (2, &7.into()));
+    let text = fs::read_to_string(work.path("scene.usda")).unwrap();
+    assert!(text.contains(r#"left_out" = "object 'Cube': a mesh\nlight \"Lamp\": a disk""#), "{text}");
     let stage = stage(&work, "scene.usda");
     assert_eq!(stage.prim("/World/fire").unwrap().targets("field:density"), ["/World/fire/mass"]);
     assert_eq!(stage.prim("/World/plume").unwrap().number("cumulo:gradientShading", 0.0), Some(7.0));
@@ -208,6 +215,23 @@ fn scene_files_become_stages() {
                 assert!(middle.abs_diff_eq(DVec3::new(2.0, 2.5, 5.0), 1e-9), "{middle}");
                 assert!(u.cross(v).abs_diff_eq(DVec3::new(0.0, 0.0, 6.0), 1e-9), "{u} {v}");
                 near(radiance, [2.0; 3]);
+            }
+            Light::Disc { centre, radius, radiance } => {
+                assert_eq!((centre, radius), (DVec3::new(0.0, 0.0, 7.0), 0.25));
+                near(radiance, [1.0; 3]);
+            }
+            Light::Spot { position, radius, soft, intensity, cone } if radius > 0.0 => {
+                assert_eq!((position, soft), (DVec3::new(1.0, 2.0, 3.0), true));
+                near(intensity, [4.0, 2.0, 1.0]);
+                // Single precision of the radius, the angle and the softness.
+                assert!((radius - 0.2).abs() < 1e-7 && (cone.blend() - 0.3).abs() < 1e-6, "{cone:?}");
+                assert!((cone.angle().to_degrees() - 25.0).abs() < 1e-5, "{cone:?}");
+                assert!(cone.axis().abs_diff_eq(DVec3::new(1.0, 0.0, -2.0).normalize(), 1e-9), "{cone:?}");
+            }
+            Light::Spot { position, cone, .. } => {
+                assert_eq!((position, cone.blend()), (DVec3::new(3.0, 2.0, 1.0), 0.0));
+                assert!(cone.axis().abs_diff_eq(DVec3::Z, 1e-15), "{cone:?}");
+                assert!((cone.angle().to_degrees() - 100.0).abs() < 1e-5, "{cone:?}");
             }
             Light::Sun { .. } => panic!("no sun"),
         }
@@ -383,7 +407,7 @@ fn every_key_of_a_scene_file_is_authored() {
 fn cumulo_lights(stage: &Stage) -> Vec<Light> {
     let limits = Limits::default();
     let lights = scene::load(stage, 0.0, limits, &Overrides::default()).unwrap().lights;
-    assert_eq!(lights.len(), 3);
+    assert_eq!(lights.len(), 6);
     lights
 }
 

@@ -277,6 +277,42 @@ fn lights_have_the_radiance_of_usdlux() {
     assert!((luminance - 1.0).abs() < 1e-3 && radiance.x > 1.7 && radiance.z < 0.3, "{radiance}");
 }
 
+/// A cone falls off from its angle less the softness to its angle; of Blender's spots the softness is the blend.
+#[test]
+fn spheres_with_a_cone_are_spots() {
+    let of = |body: &str, stage: &str| {
+        let (lights, _, remarks) =
+            light(&format!("def SphereLight \"l\" (apiSchemas = [\"ShapingAPI\"]) {{\n {body}\n}}"), stage);
+        assert!(lights.len() == 1 && remarks.is_empty(), "{body}: {lights:?} {remarks:?}");
+        lights[0]
+    };
+    let turned = "float xformOp:rotateX = 90\n uniform token[] xformOpOrder = [\"xformOp:rotateX\"]";
+    let shaped = format!("{turned}\n float inputs:shaping:cone:angle = 60\n float inputs:shaping:cone:softness = 0.25");
+    let Light::Spot { radius, soft, intensity, cone, .. } = of(&format!("{shaped}\n float inputs:radius = 0.5"), "")
+    else {
+        panic!("no spot")
+    };
+    assert_eq!((radius, soft), (0.5, false));
+    assert!((intensity - Vec3::splat((0.25 * PI) as f32)).abs().max_element() < 1e-6, "{intensity}");
+    // -Z is turned to +Y; light falls off from 45 degrees on.
+    assert!((cone.axis() - DVec3::Y).length() < 1e-9 && (cone.angle().to_degrees() - 60.0).abs() < 1e-6);
+    let along = |degrees: f64| DVec3::new(degrees.to_radians().sin(), degrees.to_radians().cos(), 0.0);
+    assert!(cone.share(along(44.9)) == 1.0 && cone.share(along(46.0)) < 1.0 && cone.share(along(60.1)) == 0.0);
+    let point = of(&format!("{shaped}\n bool treatAsPoint = 1\n custom bool cumulo:softFalloff = 1"), "");
+    assert!(matches!(point, Light::Spot { radius: 0.0, .. }), "{point:?}");
+    let of_blender = of(&shaped, "(\n doc = \"Blender v5.0.1\"\n)");
+    assert!(matches!(of_blender, Light::Spot { cone, .. } if (cone.blend() - 0.25).abs() < 1e-7), "{of_blender:?}");
+    // A cone of all directions is none, and a disc has an attribute of its own.
+    assert!(matches!(of("float inputs:shaping:cone:angle = 180", ""), Light::Sphere { .. }));
+    assert!(matches!(of("custom bool cumulo:softFalloff = 1", ""), Light::Disc { radius: 0.5, .. }));
+    let stages = Stages::new();
+    let odd =
+        "def SphereLight \"l\" {\n float inputs:shaping:cone:angle = 30\n float inputs:shaping:cone:softness = 2\n}";
+    let stage = stages.open(&format!("{}{odd}", volume(&fixture_text("cube.vdb"), "")));
+    let error = scene::load(&stage, 0.0, Limits::default(), &Overrides::default()).unwrap_err().to_string();
+    assert!(error.contains("/l") && error.contains("fall off"), "{error}");
+}
+
 /// Suns of Blender have a quarter of the strength and half of the angle, and no temperature unless one is stated.
 #[test]
 fn lights_of_blender_are_read_as_it_writes_them() {
@@ -300,7 +336,7 @@ fn lights_that_are_left_out_are_told() {
     for (body, word) in [
         ("def DiskLight \"l\" {}", "DiskLight"),
         ("def CylinderLight \"l\" {}", "CylinderLight"),
-        ("def SphereLight \"l\" (apiSchemas = [\"ShapingAPI\"]) {\n float inputs:shaping:cone:angle = 30\n}", "cone"),
+        ("def RectLight \"l\" (apiSchemas = [\"ShapingAPI\"]) {\n float inputs:shaping:cone:angle = 30\n}", "cone"),
         ("def SphereLight \"l\" {\n asset inputs:shaping:ies:file = @a.ies@\n}", "profile"),
         ("def RectLight \"l\" {\n asset inputs:texture:file = @a.exr@\n}", "textures"),
         ("def SphereLight \"l\" {\n rel light:filters = </smoke>\n}", "filters"),

@@ -34,6 +34,7 @@ mod plan_measured;
 mod preshaded;
 mod preshaded_ways;
 mod specular;
+mod spots;
 mod stability;
 mod statistical;
 mod tangent;

@@ -8,6 +8,7 @@ use cumulo::render::dvr::Dvr;
 use cumulo::render::film::{self, Sampling};
 use cumulo::render::path::{Limits, PathTracer};
 use cumulo::scene::camera::{Camera, Projection};
+use cumulo::scene::cone::Cone;
 use cumulo::scene::light::Light;
 use cumulo::scene::medium::{Medium, Scattering, Source};
 use cumulo::scene::phase::Phase;
@@ -25,6 +26,15 @@ fn point(position: DVec3) -> Light {
 
 fn sphere(centre: DVec3, radius: f64) -> Light {
     Light::Sphere { centre, radius, radiance: Vec3::new(3.0, 2.0, 1.0) }
+}
+
+fn disc(centre: DVec3, radius: f64) -> Light {
+    Light::Disc { centre, radius, radiance: Vec3::new(3.0, 2.0, 1.0) }
+}
+
+fn spot(radius: f64, soft: bool) -> Light {
+    let cone = Cone::new(DVec3::new(0.2, 0.1, -1.0), 0.9, 0.4).unwrap();
+    Light::Spot { position: INSIDE, radius, soft, intensity: Vec3::new(30.0, 20.0, 10.0), cone }
 }
 
 fn rectangle(height: f64) -> Light {
@@ -54,6 +64,9 @@ fn scenes() -> Vec<(&'static str, Scene)> {
         ("thin", plain(0.03, isotropic, vec![point(INSIDE)])),
         ("sphere", plain(0.1, isotropic, vec![sphere(INSIDE, 0.5)])),
         ("large sphere", plain(0.1, forward, vec![sphere(INSIDE, 1.5)])),
+        ("disc", plain(0.1, isotropic, vec![disc(INSIDE, 1.2)])),
+        ("spot", plain(0.1, forward, vec![spot(0.0, false)])),
+        ("spots with extent", plain(0.1, isotropic, vec![spot(0.5, false), spot(0.8, true)])),
         ("rectangle inside", plain(0.1, forward, vec![rectangle(13.0)])),
         ("beside", plain(0.1, isotropic, vec![point(DVec3::new(9.5, 9.5, 20.5)), rectangle(17.0)])),
         ("forward", plain(0.1, forward, vec![sphere(INSIDE, 0.3), sun])),

@@ -12,6 +12,7 @@ use cumulo::render::path::{Limits, PathTracer, Scratch};
 use cumulo::render::sampler::Sampler;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, Projection};
+use cumulo::scene::cone::Cone;
 use cumulo::scene::emission::{self, Emission, Emitted};
 use cumulo::scene::environment::{Environment, EnvironmentMap};
 use cumulo::scene::film::{Film, Moments};
@@ -143,11 +144,23 @@ fn light_scattered_once_is_that_of_quadrature() {
         let (centre, size) = (single.world_bounds().centre(), single.world_bounds().size().length());
         let sun = |angle| Light::Sun { direction: towards, irradiance: radiance, angle };
         let away = centre + 1.5 * size * towards;
+        let cone = Cone::new(-towards, 0.3, 0.8).unwrap();
         let lights = [
             ("sun", sun(0.0)),
             ("point", Light::Point { position: away, intensity: radiance * (size * size) as f32 }),
             ("wide sun", sun(0.6)),
             ("sphere", Light::Sphere { centre: away, radius: 0.4 * size, radiance }),
+            ("disc", Light::Disc { centre: away, radius: 0.6 * size, radiance }),
+            (
+                "spot",
+                Light::Spot {
+                    position: away,
+                    radius: 0.0,
+                    soft: false,
+                    intensity: radiance * (size * size) as f32,
+                    cone,
+                },
+            ),
             (
                 "rectangle",
                 Light::Rectangle {
@@ -193,7 +206,7 @@ fn light_scattered_once_is_that_of_quadrature() {
                 let found: Vec<_> = rays.iter().map(|ray| estimate(&tracer, ray, 32)).collect();
                 let expected = rays.iter().map(|ray| {
                     scattered_once(&double, extinction, ALBEDO, ray, |at, dvr| {
-                        let edge = if matches!(name, "sun" | "point") { 1 } else { 20 };
+                        let edge = if matches!(name, "sun" | "point" | "spot") { 1 } else { 20 };
                         let mut sum = DVec3::ZERO;
                         for k in 0..edge * edge {
                             let u = [k % edge, k / edge].map(|i| (f64::from(i) + 0.5) / f64::from(edge));

@@ -5,7 +5,7 @@
     exported = bpy_scene.export("out", frames=range(1, 25))  # scene.json and transforms.json, for `cumulo render`
     thing = bpy_scene.load("found.vdb", like="Smoke")        # a reconstruction beside the original
 
-What Cumulo would show as something else is refused, with the names of the object and the node.
+What Cumulo would show as something else is refused, with the names of the object and the node, or left out on request.
 """
 
 from .. import cycles  # noqa: F401  isort: skip  exposes the modules that Blender brings

@@ -11,7 +11,7 @@ import sys
 
 import bpy
 
-from . import capture, export, frames_of, load
+from . import Refused, capture, export, frames_of, load
 from ..cycles.stage import quiet
 from ..cycles.views import capture_line
 
@@ -35,6 +35,7 @@ def parser():
     frames = one.add_mutually_exclusive_group()
     frames.add_argument("--frames", type=_frames, metavar="A-B", help="frames (default: the present one)")
     frames.add_argument("--animation", action="store_true", help="all frames of the scene")
+    one.add_argument("--ignore", action="store_true", help="leave out what Cumulo does not have, such as meshes, and say so")
     two = commands.add_parser("capture", help="render views of a volume for `cumulo reconstruct`")
     two.add_argument("blend")
     two.add_argument("--volume", metavar="NAME", help="object (default: the only volume)")
@@ -81,7 +82,9 @@ def main(arguments=None):
     _open(options.into if options.command == "load" else options.blend)
     if options.command == "export":
         frames = frames_of(bpy.context.scene) if options.animation else options.frames
-        written = export(options.output, frames=frames)
+        written = export(options.output, frames=frames, ignore=options.ignore)
+        for each in written.left_out:
+            print(f"left out: {each}", file=sys.stderr)
         print(written.command(pathlib.Path(options.output) / "render"))
     elif options.command == "capture":
         made = capture(options.output, volume=options.volume, views=options.views, size=options.size, samples=options.samples)
@@ -97,6 +100,12 @@ def main(arguments=None):
 if __name__ == "__main__":
     try:
         main()
+    except Refused as error:
+        print("\n".join(f"error: {complaint}" for complaint in error.complaints), file=sys.stderr)
+        optional = sum(bool(complaint.without) for complaint in error.complaints)
+        if optional and "--ignore" not in sys.argv:
+            print(f"hint: export --ignore leaves out {optional} of these {len(error.complaints)}", file=sys.stderr)
+        sys.exit(2)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

@@ -3,46 +3,67 @@
 import numpy as np
 
 from ..capture import Camera
-from .refusal import Refused, named
+from .refusal import Complaint, named, refused
 from .visible import evaluated
 
 
 def raster(scene):
     """Width and height of the scene's pictures in pixels."""
     render = scene.render
-    if render.use_border:
-        raise Refused(
-            named("scene", scene),
-            "a border crops its pictures",
-            "switch Render Region off; `cumulo render --crop` renders a part",
-        )
     return tuple(
         max(1, size * render.resolution_percentage // 100) for size in (render.resolution_x, render.resolution_y)
     )
 
 
-def camera_of(scene):
-    """The scene's camera at its present frame. Raises Refused about what Cumulo cannot honor."""
+def _complaints_of(scene, thing):
+    """The complaints about a scene's camera that an export can do without."""
+    data, render = thing.data, scene.render
+    if data.dof.use_dof:
+        yield Complaint(
+            named("camera", thing), "it has depth of field", "switch Depth of Field off", "all of the picture is sharp"
+        )
+    if render.use_motion_blur:
+        yield Complaint(
+            named("scene", scene),
+            "motion blur is on",
+            "switch it off (Render Properties)",
+            "the pictures show one moment each",
+        )
+    if render.use_multiview:
+        yield Complaint(
+            named("scene", scene),
+            "it has stereoscopic views",
+            "switch Stereoscopy off",
+            "the pictures are those of the camera itself",
+        )
+    if render.use_border:
+        yield Complaint(
+            named("scene", scene),
+            "a border crops its pictures",
+            "switch Render Region off; `cumulo render --crop` renders a part",
+            "the pictures are whole",
+        )
+
+
+def camera_of(scene, complaints):
+    """The scene's camera at its present frame. Adds what can be left out to the Complaints, and raises Refused about what
+    cannot."""
     if scene.camera is None:
-        raise Refused(named("scene", scene), "it has no camera", "add one (Add > Camera)")
-    thing = scene.camera.evaluated_get(evaluated(scene))
+        raise refused(named("scene", scene), "it has no camera", "add one (Add > Camera)")
+    thing = scene.camera.evaluated_get(evaluated(scene, complaints))
     where = named("camera", thing)
     if thing.type != "CAMERA":
-        raise Refused(where, f"the scene's camera is a {thing.type.lower()}", "choose a camera")
+        raise refused(where, f"the scene's camera is a {thing.type.lower()}", "choose a camera")
     data, render = thing.data, scene.render
     if data.type not in ("PERSP", "ORTHO"):
-        raise Refused(where, f"its type is {data.type.lower()}", "make it perspective or orthographic")
-    if data.dof.use_dof:
-        raise Refused(where, "it has depth of field", "switch Depth of Field off")
-    if render.use_motion_blur:
-        raise Refused(named("scene", scene), "motion blur is on", "switch it off (Render Properties)")
-    if render.use_multiview:
-        raise Refused(named("scene", scene), "it has stereoscopic views", "switch Stereoscopy off")
+        raise refused(where, f"its type is {data.type.lower()}", "make it perspective or orthographic")
+    for complaint in _complaints_of(scene, thing):
+        complaints.add(complaint)
     # Blender takes no notice of a camera's scale.
     matrix = np.array(thing.matrix_world, dtype=np.float64)
     matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
     if np.abs(matrix[:3, :3].T @ matrix[:3, :3] - np.eye(3)).max() > 1e-4 or np.linalg.det(matrix[:3, :3]) < 0:
-        raise Refused(where, "its matrix shears or mirrors", "clear the scale of its parents")
+        raise refused(where, "its matrix shears or mirrors", "clear the scale of its parents")
     width, height = raster(scene)
     ratio = render.pixel_aspect_y / render.pixel_aspect_x
     across = data.sensor_fit == "HORIZONTAL" or (
@@ -64,15 +85,19 @@ def camera_of(scene):
     )
 
 
-def check_far(scene, camera, box):
-    """Refuses a camera whose clip end cuts off a part of the world box (low, high)."""
+def far_complaint(scene, camera, box):
+    """The Complaint about a camera whose clip end cuts off a part of the world box (low, high), or None."""
     corners = np.array([[box[i >> axis & 1][axis] for axis in range(3)] for i in range(8)])
     depth = (corners - camera.camera_to_world[:3, 3]) @ -camera.camera_to_world[:3, 2]
     end = scene.camera.data.clip_end
-    if depth.max() > end:
-        raise Refused(
-            named("camera", scene.camera), f"its clip end {end:g} cuts volumes off", f"raise it above {depth.max():.6g}"
-        )
+    if depth.max() <= end:
+        return None
+    return Complaint(
+        named("camera", scene.camera),
+        f"its clip end {end:g} cuts volumes off",
+        f"raise it above {depth.max():.6g}",
+        "nothing is cut off",
+    )
 
 
 def sees(camera, centre, radius):

@@ -16,12 +16,12 @@ import numpy as np
 from .. import padding
 from ..capture import Capture
 from ..cycles.views import finish
-from .cameras import camera_of, check_far, sees
+from .cameras import camera_of, far_complaint, sees
 from .lights import light_entry
-from .refusal import Refused, named
+from .refusal import Complaint, Complaints, named
 from .visible import SURFACES, placed_objects
-from .volumes import check_handedness, lattice_of, refuse_surface, shows_nothing, vdb_of, volume_entry
-from .world import dome_entry
+from .volumes import check_handedness, lattice_of, shows_nothing, surface_complaint, vdb_of, volume_entry
+from .world import Worlds
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,13 +29,15 @@ class Export:
     """What an export wrote, and how `cumulo render` renders it as the scene says.
 
     `scene` is a scene file, or one for each frame, `scene.####.json`; `cameras` is a `transforms.json` whose pictures bear
-    the numbers of `frames`. `options` are those that neither states: bounces and background.
+    the numbers of `frames`. `options` are those that neither states: bounces and background. `left_out` says in words what
+    Cumulo cannot honor and the export does without.
     """
 
     scene: pathlib.Path
     cameras: pathlib.Path
     frames: tuple
     options: tuple
+    left_out: tuple = ()
 
     def arguments(self, output, samples=64):
         """Arguments of the program that render all frames into the folder `output`."""
@@ -76,17 +78,19 @@ def frames_of(scene):
     return tuple(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
 
 
-def export(folder, scene=None, frames=None):
+def export(folder, scene=None, frames=None, ignore=False):
     """Writes a scene's volumes, lights and world as scene files, and its camera as `transforms.json`, into `folder`.
 
     `scene` is the present one unless given; `frames` are numbers in equal steps, by default the present frame alone.
-    The present frame alone is written with its subframe. Returns the Export. Raises Refused, which names the object and the
-    node, where Cumulo would show something else than Cycles, and ValueError for frames that it cannot number.
+    The present frame alone is written with its subframe. Returns the Export. Raises Refused where Cumulo would show something
+    else than Cycles, with all that is wrong about the scene, each by the object and the node, and ValueError for frames that
+    it cannot number. With `ignore` it leaves out what the picture of the volumes can do without, such as meshes, lights that
+    Cumulo does not have and blur, and records that in the Export and the files; it raises Refused about the rest.
     """
-    return finish(export_steps(folder, scene, frames))
+    return finish(export_steps(folder, scene, frames, ignore))
 
 
-def export_steps(folder, scene=None, frames=None):
+def export_steps(folder, scene=None, frames=None, ignore=False):
     """What `export` does, frame by frame: a generator of (frames done, frames) that returns the Export."""
     scene, folder = scene or bpy.context.scene, pathlib.Path(folder)
     frames = (scene.frame_current,) if frames is None else tuple(frames)
@@ -94,77 +98,142 @@ def export_steps(folder, scene=None, frames=None):
     if not frames or len(steps) > 1 or min(frames) < 0 or any(step < 1 for step in steps):
         raise ValueError(f"frames {frames}: numbers from 0 on in equal steps are needed")
     subframe = scene.frame_subframe if frames == (scene.frame_current,) else 0.0
-    described, views = [], []
+    described, views, left_out, worlds = [], [], {}, Worlds(folder)
     with frame_kept(scene):
         for frame in frames:
             scene.frame_set(frame, subframe=subframe)
-            document, camera = describe(folder, scene)
+            document, camera, without = describe(folder, scene, ignore, worlds)
+            # What is left out of several frames is named once.
+            left_out |= dict.fromkeys(without)
             described.append(document)
             views.append((camera, folder / f"frame.{frame:04}.exr"))
             yield len(views), len(frames)
     folder.mkdir(parents=True, exist_ok=True)
+    worlds.write()
     one = all(document == described[0] for document in described)
     name = "scene.json" if one else "scene.####.json"
+    noted = {"left_out": list(left_out)} if left_out else {}
     for frame, document in list(zip(frames, described))[: 1 if one else None]:
-        write_json(folder / name.replace("####", f"{frame:04}"), document)
-    Capture(views, model="scattering", background=(0.0, 0.0, 0.0), pixel_filter="box").write(folder / "transforms.json")
-    return Export(folder / name, folder / "transforms.json", frames, _options(scene))
+        write_json(folder / name.replace("####", f"{frame:04}"), document | noted)
+    capture = Capture(views, model="scattering", background=(0.0, 0.0, 0.0), pixel_filter="box", extra=noted)
+    capture.write(folder / "transforms.json")
+    return Export(folder / name, folder / "transforms.json", frames, _options(scene), tuple(left_out))
 
 
-def describe(folder, scene=None):
-    """A scene file in `folder` as a dict, and the Camera, of a scene at its present frame. Raises as `export` does."""
-    scene = scene or bpy.context.scene
-    _check_render(scene)
-    camera = camera_of(scene)
+def describe(folder, scene=None, ignore=False, worlds=None):
+    """A scene file in `folder` as a dict, the Camera, and in words what is left out, of a scene at its present frame. Raises
+    as `export` does. `worlds` are those of the frames before."""
+    scene, complaints = scene or bpy.context.scene, Complaints(ignore)
+    for complaint in _complaints_of(scene):
+        complaints.add(complaint)
+    camera, placed = None, ()
+    with complaints.gathered():
+        camera = camera_of(scene, complaints)
+    with complaints.gathered():
+        placed = placed_objects(scene, complaints)
     fps = scene.render.fps / scene.render.fps_base
-    volumes, lights = [], []
-    for placed in placed_objects(scene):
-        if placed.object.type in SURFACES:
-            refuse_surface(placed.object)
-        elif placed.object.type == "LIGHT":
-            if entry := light_entry(placed):
-                _check_unseen(placed.object, entry, camera)
-                lights.append(entry)
-        elif not shows_nothing(placed.object):
-            entry = volume_entry(placed, folder, fps)
-            lattice, box = lattice_of(placed, vdb_of(placed), entry["grid"])
-            check_handedness(placed, lattice)
-            check_far(scene, camera, padding.world_box(lattice, box))
-            volumes.append(entry)
-    if not volumes:
-        raise Refused(
-            named("scene", scene),
-            f"it renders no volume at frame {scene.frame_current}",
-            "add one (Add > Volume > Import OpenVDB), or choose other frames",
+    volumes, lights, count = [], [], 0
+    for each in placed:
+        with complaints.gathered():
+            if each.object.type in SURFACES:
+                if complaint := surface_complaint(each.object):
+                    complaints.add(complaint)
+            elif each.object.type == "LIGHT":
+                if entry := light_entry(each, complaints):
+                    if camera and (complaint := _seen_complaint(each.object, entry, camera)):
+                        complaints.add(complaint)
+                    lights.append(entry)
+            elif not shows_nothing(each.object):
+                count += 1
+                entry = volume_entry(each, folder, fps)
+                lattice, box = lattice_of(each, vdb_of(each), entry["grid"])
+                check_handedness(each, lattice)
+                if camera and (complaint := far_complaint(scene, camera, padding.world_box(lattice, box))):
+                    complaints.add(complaint)
+                volumes.append(entry)
+    # A volume that is not evaluated is complained about already.
+    if not (count or complaints.stops):
+        complaints.add(
+            Complaint(
+                named("scene", scene),
+                f"it renders no volume at frame {scene.frame_current}",
+                "add one (Add > Volume > Import OpenVDB), or choose other frames",
+            )
         )
-    if dome := dome_entry(scene.world, folder):
-        lights.append(dome)
-    return {"volumes": volumes, "lights": lights}, camera
+    if scene.world:
+        with complaints.gathered():
+            world = (worlds or Worlds(folder)).lights(scene, complaints)
+            if complaint := _sun_complaint(scene, world, camera):
+                complaints.add(complaint)
+            lights += world
+    complaints.settle()
+    return {"volumes": volumes, "lights": lights}, camera, complaints.left_out
 
 
-def _check_render(scene):
-    """Refuses settings of the scene that change what it shows."""
+def _complaints_of(scene):
+    """The complaints about settings of the scene that change what it shows."""
     where = named("scene", scene)
     if (exposure := scene.cycles.film_exposure) != 1.0:
-        raise Refused(where, f"its film exposure is {exposure:g}", "set it to 1 (Render Properties > Film)")
+        yield Complaint(
+            where,
+            f"its film exposure is {exposure:g}",
+            "set it to 1 (Render Properties > Film)",
+            "the pictures have the exposure 1",
+        )
     if scene.render.use_simplify and scene.render.simplify_volumes != 1.0:
-        raise Refused(where, "Simplify lowers the resolution of volumes", "switch Simplify off (Render Properties)")
+        yield Complaint(
+            where,
+            "Simplify lowers the resolution of volumes",
+            "switch Simplify off (Render Properties)",
+            "volumes have their full resolution",
+        )
     if scene.cycles.use_fast_gi:
-        raise Refused(where, "Fast GI replaces light of later bounces", "switch it off (Render Properties > Light Paths)")
+        yield Complaint(
+            where,
+            "Fast GI replaces light of later bounces",
+            "switch it off (Render Properties > Light Paths)",
+            "the light of later bounces is traced",
+        )
     if scene.world is None:
-        raise Refused(
+        yield Complaint(
             where,
             "it has no world, without which Cycles shows no volumes",
             "add one, black if need be (World Properties)",
         )
 
 
-def _check_unseen(thing, entry, camera):
-    """Refuses a light that the camera would see, for Cumulo's are not seen."""
-    if not thing.visible_camera:
-        return
+def _seen_complaint(thing, entry, camera):
+    """The Complaint about a light that the camera would see, for Cumulo's are not seen, or None."""
+    if not (thing.visible_camera and _is_seen(entry, camera)):
+        return None
+    return Complaint(
+        named("light", thing),
+        "the camera sees it, and Cumulo does not show lights",
+        "switch its ray visibility Camera off (Object > Visibility)",
+        "the light shines, and the picture does not show it",
+    )
+
+
+def _sun_complaint(scene, world, camera):
+    """The Complaint about a sun of the world's entries that the camera would see, or None."""
+    if camera is None or "--background" in _options(scene):
+        return None
+    if not any(entry["type"] == "DistantLight" and _is_seen(entry, camera) for entry in world):
+        return None
+    return Complaint(
+        named("world", scene.world),
+        "the camera sees the disc of its sun, and Cumulo does not show lights",
+        "switch Sun Disc off, or Transparent on (Render Properties > Film)",
+        "the sun shines, and the picture does not show it",
+    )
+
+
+def _is_seen(entry, camera):
+    """True if the camera sees a light of a scene file."""
     if entry["type"] == "SphereLight":
         centre, radius = entry["centre"], entry["radius"]
+    elif entry["type"] == "SpotLight" and entry["radius"] > 0:
+        centre, radius = entry["position"], entry["radius"]
     elif entry["type"] == "RectLight":
         across = np.array(entry["edges"]).sum(axis=0)
         centre, radius = np.array(entry["corner"]) + 0.5 * across, 0.5 * np.linalg.norm(across)
@@ -173,13 +242,8 @@ def _check_unseen(thing, entry, camera):
         centre = camera.camera_to_world[:3, 3] + far * np.array(entry["direction"])
         radius = far * math.sin(math.radians(0.5 * entry["angle"]))
     else:
-        return
-    if sees(camera, centre, radius):
-        raise Refused(
-            named("light", thing),
-            "the camera sees it, and Cumulo does not show lights",
-            "switch its ray visibility Camera off (Object > Visibility)",
-        )
+        return False
+    return sees(camera, centre, radius)
 
 
 def _options(scene):

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 
-from .refusal import Refused, named
+from .refusal import named, refused
 
 # Outputs of the node Volume Info, and the grids that they read.
 VOLUME_INFO = {"Density": "density", "Flame": "flame", "Temperature": "temperature"}
@@ -25,7 +25,7 @@ class Tree:
 
     def refused(self, node, found, remedy):
         """The error about a node."""
-        return Refused(named(self.kind, self.block, node), found, remedy)
+        return refused(named(self.kind, self.block, node), found, remedy)
 
     def source(self, socket):
         """The socket that feeds `socket`, through reroutes; None where nothing is linked."""

@@ -4,28 +4,25 @@ import math
 
 import numpy as np
 
-from .refusal import Refused, named
+from .refusal import Complaint, named
 
 
-def light_entry(placed):
-    """Entry of a scene file for a Placed light, None for one without power. Raises Refused about what Cumulo cannot
-    honor."""
+def light_entry(placed, complaints):
+    """Entry of a scene file for a Placed light, None for one without power. A light that Cumulo cannot honor is left out,
+    and what is wrong about it is added to the Complaints."""
     thing = placed.object
     light, where = thing.data, named("light", thing)
-    _check(light, where, thing)
-    power = np.array(_power(light, where))
+    power = np.array(_power(light))
     if not power.any():
         return None
-    axes = placed.matrix[:3, :3]
-    lengths = np.linalg.norm(axes, axis=0)
-    if light.type != "SUN" and _has_extent(light):
-        if np.abs(lengths - 1).max() > 1e-4:
-            raise Refused(where, f"it is scaled by {lengths.round(4).tolist()}", "apply its scale (Object > Apply > Scale)")
-        if np.abs(axes.T @ axes - np.eye(3)).max() > 1e-3:
-            raise Refused(where, "its matrix shears it", "clear the scale of its parents")
-    position = placed.matrix[:3, 3]
+    found = [Complaint(where, *each, "the light is left out") for each in (*_faults(light, thing), *_shape(placed))]
+    for complaint in found:
+        complaints.add(complaint)
+    if found:
+        return None
+    position, axes = placed.matrix[:3, 3], placed.matrix[:3, :3]
     if light.type == "SUN":
-        direction = axes[:, 2] / lengths[2]
+        direction = axes[:, 2] / np.linalg.norm(axes[:, 2])
         return {
             "type": "DistantLight",
             "direction": direction.tolist(),
@@ -33,77 +30,98 @@ def light_entry(placed):
             "angle": math.degrees(light.angle),
         }
     if light.type == "POINT":
-        return _point(light, where, position, power)
-    if light.type == "AREA":
-        return _area(light, where, position, axes, power)
-    raise Refused(
-        where,
-        f"Cumulo has no {light.type.lower()} lights",
-        "use a sun, a point light or a rectangle, or disable it in renders",
-    )
+        return _point(light, position, power)
+    if light.type == "SPOT":
+        return _spot(light, position, -axes[:, 2], power)
+    return _area(light, position, axes, power)
 
 
 def _has_extent(light):
-    return light.type == "AREA" or (light.type == "POINT" and light.shadow_soft_size > 0)
+    return light.type in ("AREA", "SPOT") or (light.type == "POINT" and light.shadow_soft_size > 0)
 
 
-def _check(light, where, thing):
-    """Refuses what changes a light in ways that Cumulo does not know."""
+def _faults(light, thing):
+    """What changes a light in ways that Cumulo does not know, and what to do about it."""
     if light.use_nodes and light.node_tree:
-        raise Refused(where, "its nodes state its light", "switch Use Nodes off, and set power and color")
+        profile = any(node.bl_idname == "ShaderNodeTexIES" for node in light.node_tree.nodes)
+        what = "its nodes shape it by an IES profile" if profile else "its nodes state its light"
+        yield what, "switch Use Nodes off, and set power and color"
     # Before Blender 4.3 Cycles had a switch of its own.
     if not (light.use_shadow and getattr(light.cycles, "cast_shadow", True)):
-        raise Refused(where, "it casts no shadows", "switch Shadow on")
+        yield "it casts no shadows", "switch Shadow on"
     if not thing.visible_volume_scatter:
-        raise Refused(
-            where, "it does not light volumes (Ray Visibility)", "switch Volume Scatter on, or disable it in renders"
-        )
+        yield "it does not light volumes (Ray Visibility)", "switch Volume Scatter on, or disable it in renders"
     linking = getattr(thing, "light_linking", None)
     if linking and (linking.receiver_collection or linking.blocker_collection):
-        raise Refused(where, "it lights some objects alone (Light Linking)", "clear its light linking")
+        yield "it lights some objects alone (Light Linking)", "clear its light linking"
     if light.cycles.max_bounces < 1024:
-        raise Refused(
-            where,
+        yield (
             f"it lights {light.cycles.max_bounces} bounces at most",
             "set its Max Bounces to 1024 or more; the scene's bounces are kept",
         )
     if light.cycles.is_portal:
-        raise Refused(where, "it is a portal", "disable it in renders")
+        yield "it is a portal", "disable it in renders"
     if not getattr(light, "normalize", True):
-        raise Refused(where, "its power is per area (Normalize is off)", "switch Normalize on, and set its power")
+        yield "its power is per area (Normalize is off)", "switch Normalize on, and set its power"
+    power = np.array(_power(light))
+    if not (np.isfinite(power).all() and (power >= 0).all()):
+        yield f"its power is {power.tolist()}", "choose a finite power from 0 on"
 
 
-def _power(light, where):
+def _shape(placed):
+    """What shapes a light in ways that Cumulo does not know, and what to do about it."""
+    light, axes = placed.object.data, placed.matrix[:3, :3]
+    lengths = np.linalg.norm(axes, axis=0)
+    if light.type == "AREA":
+        if light.shape not in ("SQUARE", "RECTANGLE"):
+            yield f"its shape is a {light.shape.lower()}", "make it a square or a rectangle"
+        if light.spread < math.pi - 1e-5:
+            yield f"its spread is {math.degrees(light.spread):.4g}°", "make it 180°"
+    if light.type != "SUN" and _has_extent(light):
+        if np.abs(lengths - 1).max() > 1e-4:
+            yield f"it is scaled by {lengths.round(4).tolist()}", "apply its scale (Object > Apply > Scale)"
+        elif np.abs(axes.T @ axes - np.eye(3)).max() > 1e-3:
+            yield "its matrix shears it", "clear the scale of its parents"
+
+
+def _power(light):
     """Energy of a light in red, green and blue."""
     energy = light.energy * 2.0 ** getattr(light, "exposure", 0.0)
     color = np.array(light.color)
     if getattr(light, "use_temperature", False):
         color = color * np.array(light.temperature_color)
-    power = energy * color
-    if not (np.isfinite(power).all() and (power >= 0).all()):
-        raise Refused(where, f"its power is {power.tolist()}", "choose a finite power from 0 on")
-    return power.tolist()
+    return (energy * color).tolist()
 
 
-def _point(light, where, position, power):
+def _point(light, position, power):
     radius = light.shadow_soft_size
     if radius == 0:
         return {"type": "PointLight", "position": position.tolist(), "intensity": (power / (4 * np.pi)).tolist()}
-    if light.use_soft_falloff:
-        raise Refused(
-            where,
-            "its Soft Falloff makes it darker nearby than a sphere is",
-            "switch Soft Falloff off, or make its radius 0",
-        )
     radiance = power / (4 * np.pi**2 * radius**2)
-    return {"type": "SphereLight", "centre": position.tolist(), "radius": radius, "radiance": radiance.tolist()}
+    entry = {"type": "SphereLight", "centre": position.tolist(), "radius": radius, "radiance": radiance.tolist()}
+    return entry | _softness(light)
 
 
-def _area(light, where, position, axes, power):
-    if light.shape not in ("SQUARE", "RECTANGLE"):
-        raise Refused(where, f"its shape is a {light.shape.lower()}", "make it a square or a rectangle")
-    if light.spread < math.pi - 1e-5:
-        raise Refused(where, f"its spread is {math.degrees(light.spread):.4g}°", "make it 180°")
+def _softness(light):
+    """The key of a light that Cycles renders as a disc which turns to whatever it lights."""
+    return {"soft_falloff": True} if light.use_soft_falloff and light.shadow_soft_size > 0 else {}
+
+
+def _spot(light, position, direction, power):
+    # A spot is as bright as a point light of its power, whatever its cone is.
+    entry = {
+        "type": "SpotLight",
+        "position": position.tolist(),
+        "direction": direction.tolist(),
+        "intensity": (power / (4 * np.pi)).tolist(),
+        "angle": math.degrees(light.spot_size),
+        "blend": light.spot_blend,
+        "radius": light.shadow_soft_size,
+    }
+    return entry | _softness(light)
+
+
+def _area(light, position, axes, power):
     width, height = light.size, light.size if light.shape == "SQUARE" else light.size_y
     # Light leaves along -Z, which is Y x X, and X x Y of a matrix that mirrors.
     edges = [axes[:, 1] * height, axes[:, 0] * width]

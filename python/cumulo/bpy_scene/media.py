@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from .expressions import Tree
-from .refusal import Refused, named
+from .refusal import named, refused
 
 KNOWN = "use Principled Volume, Volume Scatter, Volume Absorption, Emission, Add Shader and Mix Shader"
 
@@ -36,7 +36,7 @@ class Reader:
         """`grids` are the names of the grids that the file has."""
         # From Blender 5.0 on materials always use nodes.
         if material.node_tree is None or (bpy.app.version < (5, 0) and not material.use_nodes):
-            raise Refused(named("material", material), "it has no nodes", KNOWN)
+            raise refused(named("material", material), "it has no nodes", KNOWN)
         self.material, self.grids = material, grids
         self.tree, self.medium = Tree("material", material), Medium()
 
@@ -45,7 +45,7 @@ class Reader:
         output = self.material.node_tree.get_output_node("CYCLES")
         source = output and self.tree.source(output.inputs["Volume"])
         if not source:
-            raise Refused(named("material", self.material), "nothing is linked to Volume of its output", KNOWN)
+            raise refused(named("material", self.material), "nothing is linked to Volume of its output", KNOWN)
         self._check(output)
         self._shader(source.node, 1.0)
         return self.medium
@@ -54,12 +54,12 @@ class Reader:
         """Refuses what Cycles would show besides the medium, or otherwise than it is."""
         where, cycles = named("material", self.material), self.material.cycles
         if self.tree.source(output.inputs["Surface"]):
-            raise Refused(where, "its surface covers the voxels' outline", "unlink Surface of its output")
+            raise refused(where, "its surface covers the voxels' outline", "unlink Surface of its output")
         # Before Blender 4.3 a material could say that its medium is the same everywhere.
         if getattr(cycles, "homogeneous_volume", False):
-            raise Refused(where, "Homogeneous takes no notice of grids", "switch it off (Material Properties > Volume)")
+            raise refused(where, "Homogeneous takes no notice of grids", "switch it off (Material Properties > Volume)")
         if cycles.volume_interpolation != "LINEAR":
-            raise Refused(
+            raise refused(
                 where, "it interpolates voxels by cubics", "choose the interpolation Linear (Material Properties > Volume)"
             )
 
@@ -195,6 +195,14 @@ class Reader:
             self.medium.add("emitting", strength.grid, weight * strength.factor * color)
 
 
+def default_medium(where, grids, scale):
+    """What `medium_entry` returns of a volume without a material, to which Blender gives a Principled Volume as it is when
+    it is added. Raises Refused about the object, `where`, if its file has no grid of densities."""
+    if "density" not in grids:
+        raise refused(where, f"it has no material, and its file has {', '.join(grids) or 'none'}, no grid 'density'", KNOWN)
+    return "density", {"density_scale": scale, "albedo": [0.5, 0.5, 0.5], "anisotropy": 0.0}
+
+
 def medium_entry(material, grids, scale):
     """The grid of densities and the medium of a scene file, of a material for a file with `grids`; `scale` multiplies all
     coefficients. Raises Refused, which names the node that Cumulo cannot honor."""
@@ -202,21 +210,21 @@ def medium_entry(material, grids, scale):
     where = named("material", material)
     driving = sorted(medium.absorbing.keys() | medium.scattering.keys())
     if len(driving) > 1:
-        raise Refused(
+        raise refused(
             where, f"the grids {' and '.join(driving)} both drive its extinction", "use one grid of densities"
         )
     if not driving:
-        raise Refused(where, "it takes no light", "give it a density: Cumulo's media have an extinction")
+        raise refused(where, "it takes no light", "give it a density: Cumulo's media have an extinction")
     if len(medium.anisotropies) > 1:
-        raise Refused(where, f"its parts have the anisotropies {sorted(medium.anisotropies)}", "give them one")
+        raise refused(where, f"its parts have the anisotropies {sorted(medium.anisotropies)}", "give them one")
     if len(medium.emitting) > 1 or len(medium.blackbodies) > 1:
-        raise Refused(where, "several grids emit", "use one grid that emits, and one of temperatures")
+        raise refused(where, "several grids emit", "use one grid that emits, and one of temperatures")
     zero = np.zeros(3)
     scattering = medium.scattering.get(driving[0], zero)
     extinction = scattering + medium.absorbing.get(driving[0], zero)
     most = float(extinction.max())
     if most <= 0:
-        raise Refused(where, "it takes no light", "give it a density: Cumulo's media have an extinction")
+        raise refused(where, "it takes no light", "give it a density: Cumulo's media have an extinction")
     entry = {
         "density_scale": scale * most,
         "albedo": np.divide(scattering, extinction, out=np.zeros(3), where=extinction > 0).tolist(),

@@ -5,7 +5,7 @@ import pathlib
 import bpy
 
 from ..capture import Capture
-from .refusal import Refused, named
+from .refusal import named, refused
 from .shots import chosen
 from .volumes import volume_entry
 
@@ -46,7 +46,7 @@ def _medium(scene, like, capture):
     placed = chosen(scene, like)
     medium = volume_entry(placed, ".", 1.0)["medium"]
     if "extinction_color" in medium:
-        raise Refused(named("object", placed.object), "its extinction has a color", "load the result without it")
+        raise refused(named("object", placed.object), "its extinction has a color", "load the result without it")
     return medium
 
 

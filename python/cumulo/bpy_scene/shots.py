@@ -7,7 +7,7 @@ from ..capture import sphere_cameras
 from ..cycles import Settings, Stage
 from ..cycles.stage import scene_beside
 from ..cycles.views import capture_steps, finish
-from .refusal import Refused, named
+from .refusal import named, refused
 from .visible import placed_objects
 from .volumes import lattice_of, vdb_of, volume_entry
 
@@ -41,7 +41,7 @@ def shots(folder, scene=None, volume=None, *, views=24, size=(128, 128), samples
     path = vdb_of(placed)
     entry = volume_entry(placed, folder, 1.0)
     if "extinction_color" in entry["medium"]:
-        raise Refused(
+        raise refused(
             named("object", placed.object),
             f"its extinction has the color {entry['medium']['extinction_color']}, which no capture states",
             "choose a black Absorption Color, or one grey color",
@@ -67,7 +67,7 @@ def chosen(scene, name=None):
         if name is None
         else f"{len(named_so)} volumes named {name!r} are rendered"
     )
-    raise Refused(
+    raise refused(
         named("scene", scene), f"{found_text} (all: {names})", "name the one, or disable the others in renders"
     )
 

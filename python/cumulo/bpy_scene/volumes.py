@@ -7,32 +7,45 @@ import bpy
 import numpy as np
 
 from .. import padding
-from .media import KNOWN, medium_entry
-from .refusal import Refused, named
+from .media import default_medium, medium_entry
+from .refusal import Complaint, Refused, named, refused
 
 BACKED = "import the VDB files that it stands for (Add > Volume > Import OpenVDB), and disable this object in renders"
 
 
-def refuse_surface(thing):
-    """Raises Refused about an object that is not a volume; nothing where it has no surface to be seen."""
+def surface_complaint(thing):
+    """The Complaint about an object that is not a volume; None where it has no surface to be seen."""
     where = named("object", thing)
     fluid = [m for m in thing.modifiers if m.type == "FLUID" and m.fluid_type == "DOMAIN"]
     if fluid:
         cache = bpy.path.abspath(fluid[0].domain_settings.cache_directory)
-        raise Refused(
+        return Complaint(
             where, f"it is a fluid domain (cache: {cache})", f"bake it with the cache format OpenVDB, then {BACKED}"
         )
     # Modifiers make surfaces and volumes of nothing.
     if thing.type == "MESH" and not thing.data.polygons and not thing.modifiers:
-        return
+        return None
     if any(m and m.node_tree and (out := m.node_tree.get_output_node("CYCLES")) and out.inputs["Volume"].is_linked
            for m in getattr(thing.data, "materials", ())):  # fmt: skip
-        raise Refused(where, f"its inside ({thing.type.lower()}) is a medium without a VDB file", BACKED)
-    raise Refused(
+        return Complaint(where, f"its inside ({thing.type.lower()}) is a medium without a VDB file", BACKED)
+    if _makes_volume(thing):
+        return Complaint(where, f"its modifiers make a volume of a {thing.type.lower()}, without a VDB file", BACKED)
+    return Complaint(
         where,
         f"a {thing.type.lower()} is rendered, and Cumulo renders volumes alone",
         "disable it in renders (camera icon in the outliner)",
+        "the object is left out",
     )
+
+
+def _makes_volume(thing):
+    """True if the modifiers of an evaluated object make a volume, as far as this Blender tells."""
+    if not thing.modifiers:
+        return False
+    # Before Blender 4.5 nothing tells what geometry nodes make.
+    geometry = thing.evaluated_geometry() if hasattr(thing, "evaluated_geometry") else None
+    made_of_nodes = any(modifier.type in ("NODES", "MESH_TO_VOLUME") for modifier in thing.modifiers)
+    return made_of_nodes if geometry is None else geometry.volume is not None
 
 
 def vdb_of(placed):
@@ -40,22 +53,22 @@ def vdb_of(placed):
     thing = placed.object
     volume, where = thing.data, named("object", thing)
     if shown := [m.name for m in thing.modifiers if m.show_render]:
-        raise Refused(
+        raise refused(
             where,
             f"the modifier {shown[0]!r} changes or makes the volume",
             "remove it, or write its result as VDB, import that, and disable this object in renders",
         )
     if volume.packed_file:
-        raise Refused(where, "its VDB is packed into the .blend", "unpack it (File > External Data)")
+        raise refused(where, "its VDB is packed into the .blend", "unpack it (File > External Data)")
     if not volume.filepath:
-        raise Refused(where, "no VDB file stands behind it", BACKED)
+        raise refused(where, "no VDB file stands behind it", BACKED)
     if shows_nothing(thing):
-        raise Refused(
+        raise refused(
             where, "its sequence has no file at this frame", "choose the mode Extend or Repeat, or other frames"
         )
     path = pathlib.Path(bpy.path.abspath(volume.grids.frame_filepath or volume.filepath, library=volume.library))
     if volume.grids.error_message or not path.is_file():
-        raise Refused(
+        raise refused(
             where,
             f"{'its sequence from ' if volume.is_sequence else ''}{path} cannot be read: "
             f"{volume.grids.error_message or 'no such file'}",
@@ -74,15 +87,18 @@ def _check_visibility(placed):
     """Refuses what makes a volume visible to some rays alone, or to none."""
     thing = placed.object
     if np.linalg.det(placed.matrix[:3, :3]) == 0:
-        raise Refused(named("object", thing), "it is flat, by a scale of 0", "give it a size, or disable it in renders")
-    for attribute in ("visible_camera", "visible_shadow", "visible_volume_scatter"):
-        if not getattr(thing, attribute):
-            raise Refused(
-                named("object", thing), f"its ray visibility {attribute} is off", "switch it on (Object > Visibility)"
-            )
-    for attribute in ("is_holdout", "is_shadow_catcher"):
-        if getattr(thing, attribute):
-            raise Refused(named("object", thing), f"its {attribute} is on", "switch it off (Object > Visibility)")
+        raise refused(named("object", thing), "it is flat, by a scale of 0", "give it a size, or disable it in renders")
+    found = [
+        Complaint(named("object", thing), f"its ray visibility {attribute} is off", "switch it on (Object > Visibility)")
+        for attribute in ("visible_camera", "visible_shadow", "visible_volume_scatter")
+        if not getattr(thing, attribute)
+    ] + [
+        Complaint(named("object", thing), f"its {attribute} is on", "switch it off (Object > Visibility)")
+        for attribute in ("is_holdout", "is_shadow_catcher")
+        if getattr(thing, attribute)
+    ]
+    if found:
+        raise Refused(*found)
 
 
 def coefficient_scale(placed):
@@ -101,9 +117,10 @@ def volume_entry(placed, folder, fps):
     grids = padding.grid_names(path)
     # Cycles renders a volume by its first slot, and by a material of its own where that is empty.
     material = thing.material_slots[0].material if thing.material_slots else None
-    if material is None:
-        raise Refused(named("object", thing), "it has no material in its first slot", KNOWN)
-    grid, medium = medium_entry(material, grids, coefficient_scale(placed))
+    scale = coefficient_scale(placed)
+    grid, medium = (
+        default_medium(named("object", thing), grids, scale) if material is None else medium_entry(material, grids, scale)
+    )
     entry = {"file": relative(path, folder), "grid": grid, "medium": medium}
     if not np.array_equal(placed.matrix, np.eye(4)):
         entry["transform"] = placed.matrix.tolist()
@@ -117,7 +134,7 @@ def check_handedness(placed, lattice):
     """Refuses a grid that a Placed volume shows by the index-to-world matrix `lattice` if its own transform mirrors it: the
     mesh that Cycles makes around its voxels is inside out then, and nothing is seen."""
     if np.linalg.det(lattice[:3, :3]) * np.linalg.det(placed.matrix[:3, :3]) < 0:
-        raise Refused(
+        raise refused(
             named("object", placed.object),
             "the transform in its file mirrors the grid, and Cycles shows nothing of it",
             "write the grid unmirrored, and mirror the object",
@@ -130,7 +147,7 @@ def lattice_of(placed, path, grid):
     try:
         matrix, box = padding.lattice(path, grid)
     except ValueError as error:
-        raise Refused(
+        raise refused(
             named("object", placed.object), str(error), "show another file, or disable it in renders"
         ) from error
     return placed.matrix @ matrix, box

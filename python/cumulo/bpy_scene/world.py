@@ -1,62 +1,140 @@
 """Light from all around, of a scene's world."""
 
+import os
 import pathlib
+import shutil
+import tempfile
 
 import bpy
 import numpy as np
 
 from .expressions import Tree
-from .refusal import Refused, named
+from .refusal import Complaint, Refused, named, refused
+from .sky import render_sky, write_sky
 from .volumes import relative
 
+# Nodes that show a picture.
+PICTURES = ("ShaderNodeTexEnvironment", "ShaderNodeTexImage")
 LINEAR = ("Linear Rec.709", "Linear", "Non-Color")
 
 
-def dome_entry(world, folder):
-    """DomeLight of a scene file in `folder`, None for a black world. Raises Refused, naming the node, about what Cumulo
-    cannot honor."""
+class Worlds:
+    """Lights of worlds for the scene files of a folder. What no scene file states is rendered to a picture: once, unless it
+    changes from frame to frame."""
+
+    def __init__(self, folder):
+        self.folder = pathlib.Path(folder)
+        self._rendered = {}
+        # Pictures wait here until the export is known to be whole.
+        self._drafts = tempfile.TemporaryDirectory(prefix="cumulo-")
+
+    def lights(self, scene, complaints):
+        """Entries of scene files for the scene's world, of which a black one has none. A world that cannot be stated is left
+        out, and what is wrong about it, with the node, is added to the Complaints. Raises Refused about a medium that fills
+        the world, and renders nothing where the Complaints stop the export."""
+        world = scene.world
+        output = world.node_tree and world.node_tree.get_output_node("CYCLES")
+        if output and output.inputs["Volume"].is_linked:
+            raise refused(named("world", world), "the world is filled by a medium", "unlink Volume of its output")
+        found = list(_faults(world))
+        for complaint in found:
+            complaints.add(complaint)
+        if found:
+            return []
+        try:
+            return _stated(world, self.folder)
+        except Refused:
+            pass
+        if complaints.stops or (complaints.found and not complaints.ignore):
+            return []
+        return self._picture(world, scene)
+
+    def _picture(self, world, scene):
+        """A DomeLight with a picture of the world, and its suns."""
+        number = f".{scene.frame_current:04}" if world.animation_data or _moves(world.node_tree) else ""
+        if number not in self._rendered:
+            sky, name = render_sky(world, scene), f"world{number}.exr"
+            write_sky(sky, pathlib.Path(self._drafts.name) / name)
+            self._rendered[number] = [*sky.suns, {"type": "DomeLight", "texture": name}]
+        return self._rendered[number]
+
+    def write(self):
+        """Puts the pictures into the folder, each whole or not at all."""
+        with tempfile.TemporaryDirectory(dir=self.folder, prefix=".writing-") as beside:
+            for draft in pathlib.Path(self._drafts.name).iterdir():
+                os.replace(shutil.copy(draft, beside), self.folder / draft.name)
+
+
+def _moves(tree):
+    """True if a node tree may differ from frame to frame."""
+    return bool(tree.animation_data) or any(
+        (node.bl_idname == "ShaderNodeGroup" and node.node_tree and _moves(node.node_tree))
+        or (node.bl_idname in PICTURES and node.image and node.image.source in ("SEQUENCE", "MOVIE"))
+        # A texture may be fixed to an object.
+        or getattr(node, "object", None)
+        for node in tree.nodes
+    )
+
+
+def _faults(world):
+    """The complaints about a world of which neither a scene file nor a picture tells."""
+    without = "the world is left out"
+    if not world.cycles_visibility.scatter:
+        yield Complaint(
+            named("world", world),
+            "it does not light volumes (Ray Visibility)",
+            "switch Volume Scatter on",
+            without,
+        )
+    for node in world.node_tree.nodes if world.node_tree else ():
+        if node.bl_idname == "ShaderNodeLightPath" and any(socket.is_linked for socket in node.outputs):
+            yield Complaint(
+                named("world", world, node), "the camera sees another world than lights the scene", "unlink it", without
+            )
+        if node.bl_idname in PICTURES and any(socket.is_linked for socket in node.outputs) and _is_missing(node.image):
+            yield Complaint(named("world", world, node), "its picture is missing", "choose one that is there", without)
+
+
+def _is_missing(image):
+    if image is None:
+        return True
+    if image.source != "FILE" or image.packed_file:
+        return False
+    return not pathlib.Path(bpy.path.abspath(image.filepath, library=image.library)).is_file()
+
+
+def _stated(world, folder):
+    """Entries of a scene file for a world of one color, or of an EXR as it is. Raises Refused about others."""
     # From Blender 5.0 on worlds always use nodes.
     if world.node_tree is None or (bpy.app.version < (5, 0) and not world.use_nodes):
-        color = np.array(world.color)
-        return {"type": "DomeLight", "radiance": color.tolist()} if color.any() else None
-    tree, where = Tree("world", world), named("world", world)
+        return _even(np.array(world.color))
+    tree = Tree("world", world)
     output = world.node_tree.get_output_node("CYCLES")
-    if output is None:
-        return None
-    if tree.source(output.inputs["Volume"]):
-        raise Refused(where, "the world is filled by a medium", "unlink Volume of its output")
-    source = tree.source(output.inputs["Surface"])
-    if source is None:
-        return None
+    source = output and tree.source(output.inputs["Surface"])
+    if not source:
+        return []
     node = source.node
     if node.bl_idname != "ShaderNodeBackground":
         raise tree.refused(node, f"a {node.bl_label} lights the world", "use a Background")
     strength = tree.number(node.inputs["Strength"])
     texture = tree.source(node.inputs["Color"])
     if texture is None or texture.node.bl_idname == "ShaderNodeRGB":
-        color = strength * np.array(tree.color(node.inputs["Color"]))
-        return _checked(world, where, {"type": "DomeLight", "radiance": color.tolist()}) if color.any() else None
+        return _even(strength * np.array(tree.color(node.inputs["Color"])))
     if strength == 0:
-        return None
+        return []
     path = _texture(tree, texture.node)
-    return _checked(world, where, {"type": "DomeLight", "radiance": [strength] * 3, "texture": relative(path, folder)})
+    return [{"type": "DomeLight", "radiance": [strength] * 3, "texture": relative(path, folder)}]
 
 
-def _checked(world, where, entry):
-    """The entry, after a check that the world is seen by all rays that Cumulo knows."""
-    if not world.cycles_visibility.scatter:
-        raise Refused(where, "it does not light volumes (Ray Visibility)", "switch Volume Scatter on")
-    return entry
+def _even(color):
+    """Light that is the same from all around, if there is any."""
+    return [{"type": "DomeLight", "radiance": color.tolist()}] if color.any() else []
 
 
 def _texture(tree, node):
     """Path of the equirectangular EXR that a node shows."""
     if node.bl_idname != "ShaderNodeTexEnvironment":
-        raise tree.refused(
-            node,
-            f"a {node.bl_label} lights the world",
-            "use one color, or an Environment Texture of an EXR (bake the sky into one)",
-        )
+        raise tree.refused(node, f"a {node.bl_label} lights the world", "use one color, or an Environment Texture")
     if tree.source(node.inputs["Vector"]):
         raise tree.refused(node, "its Vector is linked", "unlink it: the picture cannot be turned")
     image = node.image

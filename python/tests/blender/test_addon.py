@@ -4,6 +4,7 @@ import base64
 import functools
 import hashlib
 import importlib
+import json
 import os
 import pathlib
 import platform
@@ -24,6 +25,7 @@ import reference
 import smoke_scene
 from cumulo import __version__, padding
 from cumulo.capture import Capture
+from cumulo.cycles.objects import box_mesh
 from cumulo.cycles.stage import quiet
 from cumulo.exr import read_exr
 from mathutils import Vector
@@ -298,6 +300,19 @@ def test_what_cannot_be_honored_is_reported_by_name(addon, fixtures, tmp_path):
     ):
         with pytest.raises(RuntimeError, match="material 'Smoke Material', node 'Principled Volume'.*soot"):
             operator(folder=str(tmp_path / "out"))
+
+
+def test_what_is_not_supported_is_left_out_and_reported(addon, fixtures, tmp_path):
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    addon()
+    box_mesh(scene, (3, 3, 3), (4, 4, 4))
+    scene.render.use_motion_blur = True
+    with pytest.raises(RuntimeError) as refused:
+        bpy.ops.cumulo.export_scene(folder=str(tmp_path))
+    for words in ("object 'box'", "motion blur", "Leave Out What Is Not Supported leaves out 2 of these 2"):
+        assert words in str(refused.value)
+    bpy.ops.cumulo.export_scene(folder=str(tmp_path), ignore=True)
+    assert len(json.loads((tmp_path / "scene.json").read_text())["left_out"]) == 2
 
 
 def test_what_cumulo_refuses_is_reported(addon, fixtures, tmp_path):

@@ -13,6 +13,7 @@ import reference
 import smoke_scene
 from bpy_extras.object_utils import world_to_camera_view
 from cumulo import bpy_scene, padding
+from cumulo.bpy_scene import sky
 from cumulo.capture import Capture, look_at
 from cumulo.cycles.objects import box_mesh, link_object
 from cumulo.exr import read_exr, write_exr
@@ -64,10 +65,10 @@ def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, cumulo_parity, 
     # Mirrored, it still emits along its -Z.
     link_object(scene, "Area", area, look_at((1.2, 1.1, 3.4), (1, 1, 1)) @ np.diag([-1, 1, 1, 1]))
     rows, columns = np.mgrid[0:16, 0:32]
-    sky = np.stack(
+    pixels = np.stack(
         [0.1 + 0.02 * columns, 0.5 - 0.02 * rows, 0.2 + 0.2 * (columns > 20), np.ones_like(rows, float)], axis=-1
     )
-    write_exr(tmp_path / "sky.exr", sky.astype(np.float32), "test", {})
+    write_exr(tmp_path / "sky.exr", pixels.astype(np.float32), "test", {})
     scene.world = bpy.data.worlds.new("World")
     tree = scene.world.node_tree
     tree.nodes.clear()
@@ -83,6 +84,91 @@ def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, cumulo_parity, 
     lights = json.loads(exported.scene.read_text())["lights"]
     assert [light["type"] for light in lights] == ["SphereLight", "RectLight", "DomeLight"]
     assert cumulo_parity.statistical(of_cycles("lamps", scene, fixtures / "plume.vdb"), rendered(cumulo, exported, tmp_path))
+
+
+def lamp(scene, kind, place, target, radius, *, soft, cone=None, energy=400.0, color=(1, 0.6, 0.3)):
+    """Links a lamp that shines from a place to a target; `cone` is the angle and the blend of a spot."""
+    data = bpy.data.lights.new("Lamp", kind)
+    data.energy, data.color, data.shadow_soft_size, data.use_soft_falloff = energy, color, radius, soft
+    if cone:
+        data.spot_size, data.spot_blend = cone
+    link_object(scene, "Lamp", data, look_at(place, target)).visible_camera = False
+
+
+def lamps_beside(scene):
+    lamp(scene, "POINT", (-0.7, 0.4, 2.1), (1, 1, 1), 0.6, soft=True, energy=100.0, color=(0.2, 0.2, 1))
+    # A point, a sphere with a sharp rim, and a disc whose whole cone falls off.
+    lamp(scene, "SPOT", (2.6, 0.5, 2.4), (1, 1, 1), 0.0, soft=True, cone=(0.5, 0.15), color=(1, 0, 0))
+    lamp(scene, "SPOT", (-0.9, 0.5, 2.4), (1, 1, 1), 0.3, soft=False, cone=(0.4, 0.0), color=(0, 1, 0))
+    lamp(scene, "SPOT", (1.0, -1.2, 1.0), (1, 1, 1.4), 0.4, soft=True, cone=(1.2, 1.0), color=(0, 0.2, 0.6))
+
+
+def lamps_inside(scene):
+    lamp(scene, "POINT", (1.0, 0.9, 0.8), (1, 1, 1), 0.3, soft=True, color=(1, 0.2, 0))
+    lamp(scene, "SPOT", (1.0, 0.9, 1.6), (1.2, 0.8, 0.5), 0.1, soft=True, cone=(2.0, 0.5), color=(0, 0.2, 1))
+
+
+@pytest.mark.parametrize("lamps", [lamps_beside, lamps_inside])
+def test_soft_falloff_and_spots_are_those_of_cycles(fixtures, cumulo, cumulo_parity, tmp_path, lamps):
+    scene = smoke_scene.smoke(fixtures / "plume.vdb", sun=0.0, anisotropy=0.0)
+    lamps(scene)
+    exported = bpy_scene.export(tmp_path / "scene")
+    lit = of_cycles(lamps.__name__, scene, fixtures / "plume.vdb")
+    assert cumulo_parity.statistical(lit, rendered(cumulo, exported, tmp_path))
+    # Without soft falloff, and with another blend, there would be other pictures.
+    document = json.loads(exported.scene.read_text())
+    for light in document["lights"]:
+        light.pop("soft_falloff", None)
+        light |= {"blend": 0.0} if light["type"] == "SpotLight" else {}
+    exported.scene.write_text(json.dumps(document))
+    with pytest.raises(pytest.fail.Exception, match="expected values differ"):
+        cumulo_parity.statistical(lit, rendered(cumulo, exported, tmp_path / "wrong"))
+
+
+def test_a_sky_is_a_picture_and_a_sun(fixtures, cumulo, cumulo_parity, tmp_path, monkeypatch):
+    monkeypatch.setattr(sky, "SIZE", (256, 128))
+    scene = smoke_scene.smoke(fixtures / "plume.vdb", sun=0.0, size=(16, 12))
+    world("ShaderNodeTexSky")(scene)
+    node = scene.world.node_tree.nodes["Sky Texture"]
+    node.sun_elevation, node.sun_rotation = 0.6, 2.0
+    worlds = len(bpy.data.worlds)
+    scene.frame_end = 2
+    exported = bpy_scene.export(tmp_path / "scene", frames=(1, 2))
+    # One picture for both frames, and nothing of it stays.
+    assert exported.scene.name == "scene.json" and len(bpy.data.worlds) == worlds and node.sun_disc
+    sun, dome = json.loads(exported.scene.read_text())["lights"]
+    assert dome == {"type": "DomeLight", "texture": "world.exr"}
+    towards = np.array((math.cos(0.6) * math.sin(2.0), math.cos(0.6) * math.cos(2.0), math.sin(0.6)))
+    assert np.array(sun["direction"]) == pytest.approx(towards, abs=1e-3) and sun["angle"] == pytest.approx(0.545)
+    under_sky = of_cycles("sky", scene, fixtures / "plume.vdb")
+    # The disc is darker towards its rim, and the picture has pixels of 1.4 degrees.
+    assert cumulo_parity.statistical(under_sky, rendered(cumulo, exported, tmp_path), tolerance=0.01)
+
+
+def test_pictures_of_worlds_stand_as_cycles_has_them(fixtures, tmp_path, monkeypatch):
+    monkeypatch.setattr(sky, "SIZE", (64, 32))
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    rows, columns = np.mgrid[0:32, 0:64]
+    pixels = np.stack([rows / 32, columns / 64, (rows * columns % 7) / 7, np.ones((32, 64))], axis=-1).astype(np.float32)
+    write_exr(tmp_path / "sky.exr", pixels, "test", {})
+    world("ShaderNodeTexEnvironment")(scene)
+    node = scene.world.node_tree.nodes["Environment Texture"]
+    node.image, node.interpolation = bpy.data.images.load(str(tmp_path / "sky.exr")), "Closest"
+    node.image.colorspace_settings.name = "Linear Rec.709"
+    node.image.pack()
+    exported = bpy_scene.export(tmp_path / "still")
+    _, dome = json.loads(exported.scene.read_text())["lights"]
+    assert dome == {"type": "DomeLight", "texture": "world.exr"}
+    # Samples may fall on a pixel's border; half of single precision is lost in angles.
+    assert np.abs(read_exr(tmp_path / "still" / "world.exr") - pixels).mean() < 1e-3
+    # A picture of each frame where the world moves.
+    back = scene.world.node_tree.nodes["Background"].inputs["Strength"]
+    for frame in (1, 2):
+        back.default_value = frame
+        back.keyframe_insert("default_value", frame=frame)
+    bpy_scene.export(tmp_path / "moving", scene, (1, 2))
+    first, second = (read_exr(tmp_path / "moving" / f"world.000{frame}.exr") for frame in (1, 2))
+    assert second[..., :3] == pytest.approx(2 * first[..., :3], rel=1e-5)
 
 
 def test_what_is_made_while_views_are_rendered_stays(fixtures, tmp_path):
@@ -178,7 +264,7 @@ def test_cameras_see_points_where_blender_does(fixtures, fit, kind):
     data.type, data.sensor_fit, data.lens, data.sensor_width, data.sensor_height = kind, fit, 40.0, 30.0, 20.0
     data.shift_x, data.shift_y, data.ortho_scale = 0.1, -0.2, 3.0
     scene.camera.scale = (2.0, 2.0, 2.0)
-    _, camera = bpy_scene.describe(".", scene)
+    _, camera, _ = bpy_scene.describe(".", scene)
     assert (camera.width, camera.height) == (20, 28)
     for point in ((0.4, 1.1, 0.3), (1.5, 0.2, 1.9), (1.0, 1.0, 1.0)):
         at = np.linalg.inv(camera.camera_to_world) @ (*point, 1.0)
@@ -410,6 +496,13 @@ def world(kind):
     return change
 
 
+def sun_in_sight(scene):
+    world("ShaderNodeTexSky")(scene)
+    scene.render.film_transparent = False
+    # The sun is in the north, 15 degrees above the horizon.
+    scene.camera.matrix_world = Matrix(look_at((1, -3, 1), (1, 1, 2)).tolist())
+
+
 def cloth(scene):
     box_mesh(scene, (3, 3, 3), (4, 4, 4))
 
@@ -462,6 +555,18 @@ def seen_lamp(scene):
     link_object(scene, "Lamp", data, look_at((1, 1, 1), (4.2, 3.0, 2.6))).visible_camera = True
 
 
+def profile(scene):
+    light("POINT", use_nodes=True)(scene)
+    tree = bpy.data.lights["Lamp"].node_tree
+    emission = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeEmission")
+    tree.links.new(tree.nodes.new("ShaderNodeTexIES").outputs[0], emission.inputs["Strength"])
+
+
+def scaled_spot(scene):
+    light("SPOT")(scene)
+    scene.objects["Lamp"].scale = (2, 1, 1)
+
+
 def seen_sun(scene):
     sun = scene.objects["Sun"]
     sun.visible_camera, sun.matrix_world = True, Matrix(look_at((-3.2, -2.0, -1.6), (0, 0, 0)).tolist())
@@ -487,12 +592,6 @@ def left_out(name):
 def covered(node, tree):
     output = node.outputs[0].links[0].to_node
     tree.links.new(tree.nodes.new("ShaderNodeBsdfPrincipled").outputs[0], output.inputs["Surface"])
-
-
-def second_slot(scene):
-    materials = bpy.data.volumes["Smoke"].materials
-    materials.append(materials[0])
-    materials[0] = None
 
 
 def sheared_lamp(scene):
@@ -539,7 +638,6 @@ def mirrored_grid(scene):
 
 REFUSED = {
     "a surface around the medium": (material(covered), ["material 'Smoke Material'", "surface", "unlink Surface"]),
-    "an empty first slot": (second_slot, ["object 'Smoke'", "no material in its first slot"]),
     "cubic interpolation": (
         lambda scene: setattr(bpy.data.materials["Smoke Material"].cycles, "volume_interpolation", "CUBIC"),
         ["material 'Smoke Material'", "cubics", "Linear"],
@@ -557,7 +655,7 @@ REFUSED = {
     "a mesh": (cloth, ["object 'box'", "a mesh is rendered", "disable it in renders"]),
     "a mesh with a medium": (foggy_box, ["object 'box'", "medium without a VDB", "Import OpenVDB"]),
     "a fluid domain": (domain, ["object 'box'", "fluid domain", "cache:", "Import OpenVDB"]),
-    "a procedural volume": (procedural, ["object 'box'", "mesh is rendered"]),
+    "a procedural volume": (procedural, ["object 'box'", "modifiers make a volume", "Import OpenVDB"]),
     "a holdout": (holdout, ["collection 'Masks'", "Holdout"]),
     "a modifier": (modifier, ["object 'Smoke'", "'Wobble'", "write its result as VDB"]),
     "no file": (lambda scene: setattr(bpy.data.volumes["Smoke"], "filepath", ""), ["object 'Smoke'", "no VDB file"]),
@@ -565,24 +663,24 @@ REFUSED = {
         lambda scene: setattr(bpy.data.volumes["Smoke"], "filepath", "/none.vdb"),
         ["object 'Smoke'", "/none.vdb"],
     ),
-    "no material": (
-        lambda scene: bpy.data.volumes["Smoke"].materials.clear(),
-        ["object 'Smoke'", "no material", "Principled Volume"],
-    ),
     "hidden from cameras": (attribute("visible_camera", False, "smoke"), ["object 'Smoke'", "visible_camera"]),
     "hidden in the viewport": (attribute("hide_viewport", True, "smoke"), ["object 'Smoke'", "viewport"]),
-    "a spot": (light("SPOT"), ["light 'Lamp'", "no spot lights"]),
+    "an IES profile": (profile, ["light 'Lamp'", "IES profile", "Use Nodes"]),
+    "a scaled spot": (scaled_spot, ["light 'Lamp'", "scaled", "apply its scale"]),
     "a disk": (light("AREA", shape="DISK"), ["light 'Lamp'", "disk", "rectangle"]),
     "a narrow spread": (light("AREA", spread=1.0), ["light 'Lamp'", "spread", "180°"]),
-    "soft falloff": (light("POINT", shadow_soft_size=0.5), ["light 'Lamp'", "Soft Falloff"]),
     "no shadow": (light("SUN", use_shadow=False), ["light 'Lamp'", "Shadow"]),
     "nodes of a light": (light("SUN", use_nodes=True), ["light 'Lamp'", "Use Nodes"]),
     "a lamp in the picture": (seen_lamp, ["light 'Lamp'", "Camera"]),
     "a sun in the picture": (seen_sun, ["light 'Sun'", "Camera"]),
-    "a sky texture": (world("ShaderNodeTexSky"), ["world 'Sky', node 'Sky Texture'", "bake the sky"]),
+    "a world that the camera sees otherwise": (
+        world("ShaderNodeLightPath"),
+        ["world 'Sky', node 'Light Path'", "the camera sees another world"],
+    ),
+    "a sun of the world in the picture": (sun_in_sight, ["world 'Sky'", "disc of its sun", "Sun Disc"]),
     "an environment without a file": (
         world("ShaderNodeTexEnvironment"),
-        ["world 'Sky', node 'Environment Texture'", "EXR"],
+        ["world 'Sky', node 'Environment Texture'", "picture is missing"],
     ),
     "a texture of densities": (
         linked("Density", "ShaderNodeTexNoise"),
@@ -648,7 +746,114 @@ def test_what_cannot_be_honored_is_refused_by_name(fixtures, tmp_path, case):
         bpy_scene.export(tmp_path / "out")
     for word in words:
         assert word in str(refused.value), str(refused.value)
-    assert not (tmp_path / "out" / "scene.json").exists()
+    assert not (tmp_path / "out").exists()
+
+
+MANY = {
+    "a mesh": (cloth, "object 'box'"),
+    "a disk": (light("AREA", shape="DISK"), "light 'Lamp'"),
+    "depth of field": (attribute("camera.data.dof.use_dof", True), "camera 'Camera'"),
+    "motion blur": (attribute("render.use_motion_blur", True), "scene 'Scene': motion"),
+    "stereoscopy": (attribute("render.use_multiview", True), "scene 'Scene': it has stereo"),
+    "a border": (attribute("render.use_border", True), "scene 'Scene': a border"),
+    "film exposure": (attribute("cycles.film_exposure", 2.0), "scene 'Scene': its film exposure"),
+    "an environment without a file": (world("ShaderNodeTexEnvironment"), "world 'Sky', node 'Environment Texture'"),
+}
+
+
+def many(vdb):
+    """The smoke with all of `MANY`."""
+    scene = smoke_scene.smoke(vdb)
+    for change, _ in MANY.values():
+        change(scene)
+    return scene
+
+
+def test_all_complaints_about_a_scene_are_in_one_list(fixtures, tmp_path):
+    many(fixtures / "plume.vdb")
+    with pytest.raises(bpy_scene.Refused) as refused:
+        bpy_scene.export(tmp_path / "out")
+    assert refused.value.can_be_left_out and len(refused.value.complaints) == len(MANY)
+    lines = str(refused.value).splitlines()
+    for _, name in MANY.values():
+        assert sum(line.startswith(name) for line in lines) == 1, (name, lines)
+    # Each has a remedy.
+    assert all(line.count("; ") >= 1 for line in lines)
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_export_carries_on_without_what_it_can_leave_out(fixtures, tmp_path):
+    scene = many(fixtures / "plume.vdb")
+    scene.frame_end = 2
+    exported = bpy_scene.export(tmp_path / "out", frames=(1, 2), ignore=True)
+    assert len(exported.left_out) == len(MANY)
+    assert "object 'box': a mesh is rendered, and Cumulo renders volumes alone; the object is left out" in exported.left_out
+    document = json.loads(exported.scene.read_text())
+    assert document["left_out"] == list(exported.left_out)
+    assert Capture.read(exported.cameras).extra["left_out"] == document["left_out"]
+    assert [light["type"] for light in document["lights"]] == ["DistantLight"] and len(document["volumes"]) == 1
+
+
+@pytest.mark.parametrize("case", ["a texture of densities", "a mesh with a medium", "a procedural volume", "a modifier",
+                                  "a holdout", "hidden in the viewport", "no camera"])  # fmt: skip
+def test_an_export_stops_where_it_would_lose_a_volume(fixtures, tmp_path, case):
+    scene = many(fixtures / "plume.vdb")
+    change, words = REFUSED[case]
+    change(scene)
+    with pytest.raises(bpy_scene.Refused) as refused:
+        bpy_scene.export(tmp_path / "out", ignore=True)
+    assert not refused.value.can_be_left_out
+    (stopping,) = (complaint for complaint in refused.value.complaints if complaint.without is None)
+    # Another box is there, so that a box has another name than alone.
+    assert all(word in str(stopping) for word in words[1:]), str(stopping)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_light_that_is_hidden_in_the_viewport_can_be_left_out(fixtures, tmp_path):
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    scene.objects["Sun"].hide_viewport = True
+    exported = bpy_scene.export(tmp_path / "out", ignore=True)
+    assert len(exported.left_out) == 1 and "object 'Sun'" in exported.left_out[0]
+    assert json.loads(exported.scene.read_text())["lights"] == []
+
+
+def startup(vdb):
+    """Blender's startup scene with a VDB imported into it."""
+    bpy.ops.wm.read_factory_settings()
+    bpy.ops.object.volume_import(filepath=str(vdb))
+    return bpy.context.scene
+
+
+def test_the_startup_scene_with_a_smoke_is_exported(fixtures, tmp_path):
+    startup(fixtures / "plume.vdb")
+    with pytest.raises(bpy_scene.Refused, match="object 'Cube'") as refused:
+        bpy_scene.export(tmp_path / "out")
+    assert refused.value.can_be_left_out
+    exported = bpy_scene.export(tmp_path / "out", ignore=True)
+    assert "object 'Cube': a mesh is rendered, and Cumulo renders volumes alone; the object is left out" in exported.left_out
+    (volume,) = json.loads(exported.scene.read_text())["volumes"]
+    assert volume["grid"] == "density" and volume["medium"]["albedo"] == [0.5, 0.5, 0.5]
+
+
+@pytest.mark.parametrize("empty", ["slots", "the first slot"])
+def test_a_volume_without_a_material_is_the_one_of_cycles(fixtures, cumulo, cumulo_parity, tmp_path, empty):
+    scene = smoke_scene.smoke(fixtures / "plume.vdb", sun=12.0, size=(16, 12))
+    materials = bpy.data.volumes["Smoke"].materials
+    if empty == "slots":
+        materials.clear()
+    else:
+        materials.append(materials[0])
+        materials[0] = None
+    exported = bpy_scene.export(tmp_path / "scene")
+    unshaded = of_cycles(f"unshaded_{empty.replace(' ', '_')}", scene, fixtures / "plume.vdb")
+    assert cumulo_parity.statistical(unshaded, rendered(cumulo, exported, tmp_path))
+    padding.moved_copy(fixtures / "plume.vdb", "density", np.eye(4), tmp_path / "other.vdb")
+    grid = openvdb.read(str(tmp_path / "other.vdb"), "density")
+    grid.name = "soot"
+    openvdb.write(str(tmp_path / "other.vdb"), grids=[grid])
+    bpy.data.volumes["Smoke"].filepath = str(tmp_path / "other.vdb")
+    with pytest.raises(bpy_scene.Refused, match="no material, and its file has soot, no grid 'density'"):
+        bpy_scene.export(tmp_path / "scene")
 
 
 def test_captures_are_refused_where_they_would_show_another_medium(fixtures, tmp_path):

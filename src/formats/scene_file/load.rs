@@ -136,9 +136,11 @@ pub(crate) fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Re
                 scene.files.extend(texture.clone());
                 dome(&mut scene.environment, *radiance, texture, limits, named)?;
             }
-            entry => scene.lights.extend(entry.light().map(Light::checked).transpose().map_err(named)?),
+            entry => scene.lights.extend(entry.light().map_err(named)?),
         }
     }
+    let without = |what: &String| format!("left out where the scene was written: {what}");
+    scene.remarks.extend(file.left_out.iter().map(without));
     Ok(scene)
 }
 

@@ -19,6 +19,7 @@ pub(crate) use load::{SceneVolume, environment_map, load_within};
 use crate::error::Result;
 use crate::math::Affine;
 use crate::scene::albedo::TransferColor;
+use crate::scene::cone::Cone;
 use crate::scene::emission::Emission;
 use crate::scene::light::Light;
 use crate::scene::medium::{Scattering, Specular};
@@ -39,6 +40,9 @@ pub struct SceneFile {
     /// Lights.
     #[serde(default)]
     pub lights: Vec<LightEntry>,
+    /// Parts that the program which wrote the scene left out of it, in words.
+    #[serde(default)]
+    pub left_out: Vec<String>,
 }
 
 /// A volume of a scene file.
@@ -241,6 +245,30 @@ pub enum LightEntry {
         radius: f64,
         /// Radiance that leaves the sphere.
         radiance: [f32; 3],
+        /// True of a disc of that radius that turns to whatever it lights, as Blender's point light with Soft Falloff.
+        #[serde(default)]
+        soft_falloff: bool,
+    },
+    /// A point, or a sphere, whose light leaves in a cone.
+    SpotLight {
+        /// Position, or centre, in world space.
+        position: [f64; 3],
+        /// Vector along which it shines, of any length.
+        direction: [f64; 3],
+        /// Radiant intensity along this vector, as seen from far away.
+        intensity: [f32; 3],
+        /// Angle across the cone in degrees, at most 360.
+        angle: f64,
+        /// How much of the cone its falloff takes, from 0 to 1: cosines c of the angle to the vector give the share s²
+        /// (3 - 2 s), where s goes from 0 at the rim's cosine r to 1 at r + blend (1 - r).
+        #[serde(default)]
+        blend: f64,
+        /// Radius in world units; 0 of a point.
+        #[serde(default)]
+        radius: f64,
+        /// True of a disc that turns to whatever it lights in place of a sphere.
+        #[serde(default)]
+        soft_falloff: bool,
     },
     /// A parallelogram that emits to one side.
     RectLight {
@@ -264,10 +292,13 @@ pub enum LightEntry {
 
 impl LightEntry {
     /// Returns the light; `None` for light from all around.
-    pub fn light(&self) -> Option<Light> {
+    ///
+    /// # Errors
+    /// If the light cannot be.
+    pub fn light(&self) -> Result<Option<Light>> {
         let point = DVec3::from_array;
         let color = Vec3::from_array;
-        match *self {
+        let light = match *self {
             Self::DistantLight { direction, irradiance, angle } => Some(Light::Sun {
                 direction: point(direction),
                 irradiance: color(irradiance),
@@ -276,14 +307,28 @@ impl LightEntry {
             Self::PointLight { position, intensity } => {
                 Some(Light::Point { position: point(position), intensity: color(intensity) })
             }
-            Self::SphereLight { centre, radius, radiance } => {
-                Some(Light::Sphere { centre: point(centre), radius, radiance: color(radiance) })
+            Self::SphereLight { centre, radius, radiance, soft_falloff } => {
+                let (centre, radiance) = (point(centre), color(radiance));
+                Some(match soft_falloff {
+                    true => Light::Disc { centre, radius, radiance },
+                    false => Light::Sphere { centre, radius, radiance },
+                })
+            }
+            Self::SpotLight { position, direction, intensity, angle, blend, radius, soft_falloff } => {
+                Some(Light::Spot {
+                    position: point(position),
+                    radius,
+                    soft: soft_falloff,
+                    intensity: color(intensity),
+                    cone: Cone::new(point(direction), 0.5 * angle.to_radians(), blend)?,
+                })
             }
             Self::RectLight { corner, edges, radiance } => {
                 Some(Light::Rectangle { corner: point(corner), edges: edges.map(point), radiance: color(radiance) })
             }
             Self::DomeLight { .. } => None,
-        }
+        };
+        light.map(Light::checked).transpose()
     }
 }
 

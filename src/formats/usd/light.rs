@@ -7,9 +7,12 @@
 //! - the irradiance `E = L π sin²(angle / 2)` of distant lights, and `E = L` where the angle is 0,
 //! - the radiant intensity `I = L π r²` of spheres that are treated as points.
 //!
+//! The cone of a `ShapingAPI` falls off from the angle `angle · (1 - softness)` to `angle`, in between as
+//! [`Cone`] says. A sphere with `cumulo:softFalloff` is a disc that turns to whatever it lights.
+//!
 //! Blender writes and reads suns in its own way: `L` is a quarter of a sun's strength, normalized, and the angle is
-//! half of the sun's. Its color temperature is enabled though none is meant. Lights that Blender wrote are read as it
-//! does.
+//! half of the sun's. Its color temperature is enabled though none is meant, and the softness of its cones is the blend
+//! of its spots. Lights that Blender wrote are read as it does.
 
 use super::metadata::UpAxis;
 use super::prim::Prim;
@@ -18,6 +21,7 @@ use super::value::Asset;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::environment_map;
+use crate::scene::cone::Cone;
 use crate::scene::emission;
 use crate::scene::environment::{BLACK, Environment};
 use crate::scene::light::Light;
@@ -38,6 +42,9 @@ pub(super) struct Lights {
     /// Lights that are left out, and what of others has no effect, in words.
     pub remarks: Vec<String>,
 }
+
+/// Attribute of spheres that are discs which turn to whatever they light.
+pub(super) const SOFT_FALLOFF: &str = "cumulo:softFalloff";
 
 /// Types of lights that shine in pictures.
 const UNDERSTOOD: [&str; 5] = ["DistantLight", "SphereLight", "RectLight", "DomeLight", "DomeLight_1"];
@@ -93,13 +100,20 @@ pub(super) fn lights(stage: &Stage, time: f64, limits: Limits) -> Result<Lights>
                 continue;
             }
             "DistantLight" => distant(stage, prim, time, map, radiance),
-            "SphereLight" => sphere(prim, time, map, radiance).map_err(blame)?,
+            "SphereLight" => {
+                let soft = prim.bool(SOFT_FALLOFF, time) == Some(true);
+                let light = sphere(prim, time, map, radiance).map_err(blame)?;
+                match cone(stage, prim, time, map).map_err(blame)? {
+                    Some(cone) => spot(light, soft, cone),
+                    None => softened(light, soft),
+                }
+            }
             _ => rectangle(prim, time, map, radiance),
         };
         let light = light.checked().map_err(blame)?;
         if radiance == DVec3::ZERO {
             all.remarks.push(format!("light {} is dark: its intensity or color is 0", prim.path));
-        } else if matches!(light, Light::Point { intensity, .. } if intensity == Vec3::ZERO) {
+        } else if is_dark_point(&light) {
             all.remarks.push(format!("light {} is dark: its radius is 0, and it is not normalized", prim.path));
         } else {
             all.lights.push(light);
@@ -108,13 +122,19 @@ pub(super) fn lights(stage: &Stage, time: f64, limits: Limits) -> Result<Lights>
     Ok(all)
 }
 
+/// True of a point, or a spot of one, without light.
+fn is_dark_point(light: &Light) -> bool {
+    matches!(light, Light::Point { intensity, .. } | Light::Spot { intensity, .. } if *intensity == Vec3::ZERO)
+}
+
 /// Returns why a light cannot be simulated; `None` if it can.
 fn left_out(prim: &Prim, time: f64) -> Option<String> {
     if !UNDERSTOOD.contains(&prim.type_name.as_str()) {
         return Some(format!("lights of type {} are not simulated", prim.type_name));
     }
     let number = |name: &str| prim.number(name, time);
-    let cone = number("inputs:shaping:cone:angle").is_some_and(|angle| angle < 90.0);
+    // Spheres have their cones.
+    let cone = prim.type_name != "SphereLight" && number("inputs:shaping:cone:angle").is_some_and(|angle| angle < 90.0);
     let focus = number("inputs:shaping:focus").is_some_and(|focus| focus != 0.0);
     let profile = prim.value("inputs:shaping:ies:file", time).is_some_and(|file| has_path(file.asset()));
     let shaped = prim.schemas.iter().any(|schema| schema == "ShapingAPI") || cone || focus || profile;
@@ -225,6 +245,56 @@ fn sphere(prim: &Prim, time: f64, map: DMat4, radiance: DVec3) -> Result<Light> 
     }
     let radiance = if normalized { radiance / (4.0 * PI * radius * radius) } else { radiance };
     Ok(Light::Sphere { centre, radius, radiance: radiance.as_vec3() })
+}
+
+/// Returns the cone that a light is shaped by. Light leaves along the prim's -Z.
+///
+/// # Errors
+/// If its angle or softness cannot be used.
+fn cone(stage: &Stage, prim: &Prim, time: f64, map: DMat4) -> Result<Option<Cone>> {
+    let Some(angle) = prim.number("inputs:shaping:cone:angle", time) else { return Ok(None) };
+    // Without the schema, the fallback counts as none.
+    let applied = prim.schemas.iter().any(|schema| schema == "ShapingAPI");
+    if angle >= if applied { 180.0 } else { 90.0 } {
+        return Ok(None);
+    }
+    let angle = angle.to_radians();
+    let softness = prim.number("inputs:shaping:cone:softness", time).unwrap_or(0.0);
+    let blend = if is_of_blender(stage, prim) { softness } else { blend(angle, softness) };
+    Cone::new(map.transform_vector3(DVec3::NEG_Z), angle, blend).map(Some)
+}
+
+/// Returns the blend of a cone whose falloff takes a part of its angle.
+fn blend(angle: f64, softness: f64) -> f64 {
+    let (start, rim) = ((angle * (1.0 - softness)).cos(), angle.cos());
+    // Rounding must not make a little more than all of it.
+    if (0.0..=1.0).contains(&softness) { ((start - rim) / (1.0 - rim)).clamp(0.0, 1.0) } else { softness }
+}
+
+/// Returns the part of a cone's angle that its falloff takes: the inverse of [`blend`].
+pub(super) fn softness(angle: f64, blend: f64) -> f64 {
+    let start = angle.cos() + blend * (1.0 - angle.cos());
+    1.0 - start.clamp(-1.0, 1.0).acos() / angle
+}
+
+/// Returns a point or sphere with soft falloff.
+fn softened(light: Light, soft: bool) -> Light {
+    match light {
+        Light::Sphere { centre, radius, radiance } if soft => Light::Disc { centre, radius, radiance },
+        light => light,
+    }
+}
+
+/// Returns a point or sphere whose light leaves in a cone.
+fn spot(light: Light, soft: bool, cone: Cone) -> Light {
+    match light {
+        Light::Point { position, intensity } => Light::Spot { position, radius: 0.0, soft, intensity, cone },
+        Light::Sphere { centre, radius, radiance } => {
+            let intensity = radiance * (PI * radius * radius) as f32;
+            Light::Spot { position: centre, radius, soft, intensity, cone }
+        }
+        light => light,
+    }
 }
 
 /// Returns a rectangle in the prim's plane of X and Y, whose light leaves towards -Z.

@@ -2,7 +2,8 @@
 
 use crate::math::{Aabb, Ray};
 use crate::render::sampler::Sampler;
-use crate::scene::light::{Arrival, Light, around};
+use crate::scene::directions::around;
+use crate::scene::light::{Arrival, Light};
 use crate::scene::medium::Scattering;
 use crate::scene::phase::Phase;
 use glam::{DVec3, Vec3};
@@ -48,6 +49,9 @@ pub(super) fn anchor(light: &Light, of_light: [f64; 2]) -> Option<(DVec3, f64)> 
         Light::Sun { .. } => None,
         Light::Point { position, .. } => Some((position, 0.0)),
         Light::Sphere { centre, radius, .. } => Some((centre, radius)),
+        // A disc lights what is within its radius, too.
+        Light::Disc { centre, .. } => Some((centre, 0.0)),
+        Light::Spot { position, radius, soft, .. } => Some((position, if soft { 0.0 } else { radius })),
         Light::Rectangle { corner, edges: [u, v], .. } => Some((corner + of_light[0] * u + of_light[1] * v, 0.0)),
     }
 }
@@ -67,8 +71,10 @@ fn intensity(light: &Light) -> f64 {
     let mean = |light: Vec3| f64::from(light.element_sum()) / 3.0;
     match *light {
         Light::Sun { .. } => 0.0,
-        Light::Point { intensity, .. } => mean(intensity),
-        Light::Sphere { radius, radiance, .. } => mean(radiance) * PI * radius * radius,
+        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => mean(intensity),
+        Light::Sphere { radius, radiance, .. } | Light::Disc { radius, radiance, .. } => {
+            mean(radiance) * PI * radius * radius
+        }
         Light::Rectangle { edges: [u, v], radiance, .. } => mean(radiance) * u.cross(v).length(),
     }
 }
@@ -93,7 +99,12 @@ impl NearLights {
         let near = |light: &Light| {
             let (middle, radius) = outline(light)?;
             let inside = bounds.min.cmple(middle).all() && middle.cmple(bounds.max).all();
-            let small = !matches!(light, Light::Sphere { .. }) || radius <= RADIUS * diagonal;
+            let ball = match *light {
+                Light::Disc { radius, .. } | Light::Spot { radius, .. } => radius,
+                Light::Sphere { .. } => radius,
+                _ => 0.0,
+            };
+            let small = ball <= RADIUS * diagonal;
             if !(inside && small && intensity(light) > 0.0) {
                 return None;
             }

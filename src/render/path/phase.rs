@@ -3,7 +3,7 @@
 
 use crate::render::gradient::gradient;
 use crate::scene::bricks::Bricks;
-use crate::scene::light::around;
+use crate::scene::directions::around;
 use crate::scene::medium::Scattering;
 use crate::scene::phase::Phase;
 use glam::{DVec3, Vec3};

@@ -9,7 +9,7 @@
 
 use super::phase::{Mixed, PhaseFunction, Phases, Shaded};
 use crate::scene::bricks::Bricks;
-use crate::scene::light::around;
+use crate::scene::directions::around;
 use crate::scene::medium::{Scattering, Specular};
 use glam::{DVec3, Vec3};
 use std::f64::consts::{FRAC_1_PI, PI, TAU};

@@ -9,7 +9,6 @@ use crate::formats::registry;
 use crate::formats::scene_file::{self, LightEntry, MediumEntry, SceneFile, VelocityEntry, VolumeEntry};
 use crate::formats::transfer::{self, Function, Loaded};
 use crate::math::Affine;
-use crate::scene::light::Light;
 use crate::wording::worded;
 use std::path::{Path, PathBuf};
 
@@ -34,6 +33,8 @@ pub(super) struct Content {
     pub volumes: Vec<Source>,
     /// Lights, each with its picture.
     pub lights: Vec<(LightEntry, Option<PathBuf>)>,
+    /// Parts that were left out of the scene when its file was written, in words.
+    pub left_out: Vec<String>,
 }
 
 impl AuthorSettings {
@@ -82,12 +83,12 @@ impl AuthorSettings {
         let transfer = medium.transfer.clone();
         let parts = self.density.iter().map(|grid| (DENSITY, grid.clone())).collect();
         let volume = Source { file: self.input.clone(), parts, placement: None, medium, transfer };
-        Ok(Content { volumes: vec![volume], lights })
+        Ok(Content { volumes: vec![volume], lights, left_out: Vec::new() })
     }
 
     fn of_scene_file(&self) -> Result<Content> {
         self.check_alone()?;
-        let SceneFile { volumes, lights } = scene_file::read(&self.input, self.limits)?;
+        let SceneFile { volumes, lights, left_out } = scene_file::read(&self.input, self.limits)?;
         let folder = self.input.parent().unwrap_or(Path::new(""));
         let volume = |(i, entry): (usize, VolumeEntry)| {
             let named = |e: Error| e.part(format!("volume {i}")).at(&self.input);
@@ -116,6 +117,7 @@ impl AuthorSettings {
         Ok(Content {
             volumes: volumes.into_iter().enumerate().map(volume).collect::<Result<_>>()?,
             lights: lights.into_iter().map(light).collect(),
+            left_out,
         })
     }
 
@@ -172,5 +174,5 @@ fn check_light(light: &LightEntry) -> Result<()> {
         return Err(Error::invalid(format!("a DomeLight's radiance {radiance:?} must be finite and not negative"))
             .hint("correct 'radiance'"));
     }
-    light.light().map(Light::checked).transpose().map(drop)
+    light.light().map(drop)
 }

@@ -197,7 +197,10 @@ impl AuthorSettings {
             .lights
             .into_iter()
             .map(|(light, texture)| Ok((light, texture.map(|path| relative(&path, &self.output)).transpose()?)));
-        let stage = self.stage(volumes, lights.collect::<Result<_>>()?, cameras, up.axis, &provenance);
+        let mut stage = self.stage(volumes, lights.collect::<Result<_>>()?, cameras, up.axis, &provenance);
+        if !content.left_out.is_empty() {
+            stage.provenance.insert("left_out".into(), content.left_out.join("\n"));
+        }
         atomic::write_bytes(&self.output, stage.text()?.as_bytes())?;
         provenance.lap();
         let report = AuthorReport::of(&stage, self.output.clone(), up, provenance);

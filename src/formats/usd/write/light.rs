@@ -1,11 +1,13 @@
 //! Lights as prims of UsdLux.
 //!
 //! A light of UsdLux sends out `intensity · color`: without `normalize` the radiance that leaves it, with it, for a
-//! `DistantLight`, the irradiance on a surface that faces it.
+//! `DistantLight`, the irradiance on a surface that faces it. Spots have the `ShapingAPI`, whose softness is the
+//! part of the angle that the falloff takes, and soft falloff has an attribute of its own.
 
 use super::text::{Literal, PrimText, Property};
 use crate::error::{Error, Result};
 use crate::formats::scene_file::LightEntry;
+use crate::formats::usd::light::{SOFT_FALLOFF, softness};
 use glam::{DMat4, DQuat, DVec3};
 
 /// Radius in units of the stage of the sphere that stands for a point light, as `treatAsPoint` says.
@@ -24,17 +26,28 @@ pub(crate) fn prim(light: &LightEntry, name: String, texture: Option<String>) ->
             placed(prim, turned_towards(DVec3::from_array(direction)))
         }
         LightEntry::PointLight { position, intensity } => {
-            // A sphere of radiance L has the radiant intensity L π r².
-            let area = std::f64::consts::PI * POINT_RADIUS * POINT_RADIUS;
-            let mut prim = emitting("SphereLight", name, intensity.map(|v| (f64::from(v) / area) as f32));
-            prim.set("float", "inputs:radius", Literal::Number(POINT_RADIUS));
-            prim.set("bool", "treatAsPoint", Literal::Bool(true));
+            let prim = of_intensity(name, intensity, 0.0);
             placed(prim, DMat4::from_translation(DVec3::from_array(position)))
         }
-        LightEntry::SphereLight { centre, radius, radiance } => {
+        LightEntry::SphereLight { centre, radius, radiance, soft_falloff } => {
             let mut prim = emitting("SphereLight", name, radiance);
             prim.set("float", "inputs:radius", Literal::Number(radius));
+            if soft_falloff {
+                prim.set("custom bool", SOFT_FALLOFF, Literal::Bool(true));
+            }
             placed(prim, DMat4::from_translation(DVec3::from_array(centre)))
+        }
+        LightEntry::SpotLight { position, direction, intensity, angle, blend, radius, soft_falloff } => {
+            let mut prim = of_intensity(name, intensity, radius);
+            prim.metadata.push("prepend apiSchemas = [\"ShapingAPI\"]".into());
+            let half = 0.5 * angle;
+            prim.set("float", "inputs:shaping:cone:angle", Literal::Number(half));
+            prim.set("float", "inputs:shaping:cone:softness", Literal::Number(softness(half.to_radians(), blend)));
+            if soft_falloff {
+                prim.set("custom bool", SOFT_FALLOFF, Literal::Bool(true));
+            }
+            let turned = turned_towards(-DVec3::from_array(direction));
+            placed(prim, DMat4::from_translation(DVec3::from_array(position)) * turned)
         }
         LightEntry::RectLight { corner, edges, radiance } => {
             let [u, v] = edges.map(DVec3::from_array);
@@ -67,6 +80,19 @@ pub(crate) fn prim(light: &LightEntry, name: String, texture: Option<String>) ->
             )
         }
     })
+}
+
+/// Returns a sphere of a radiant intensity as seen from far away; one of radius 0 is a point.
+fn of_intensity(name: String, intensity: [f32; 3], radius: f64) -> PrimText {
+    let size = if radius > 0.0 { radius } else { POINT_RADIUS };
+    // A sphere of radiance L has the radiant intensity L π r².
+    let area = std::f64::consts::PI * size * size;
+    let mut prim = emitting("SphereLight", name, intensity.map(|v| (f64::from(v) / area) as f32));
+    prim.set("float", "inputs:radius", Literal::Number(size));
+    if radius == 0.0 {
+        prim.set("bool", "treatAsPoint", Literal::Bool(true));
+    }
+    prim
 }
 
 /// Returns a light that sends out so much, split into an intensity and a color whose largest channel is 1.

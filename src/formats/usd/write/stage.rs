@@ -99,6 +99,7 @@ fn kind(light: &LightEntry) -> &'static str {
         LightEntry::DistantLight { .. } => "sun",
         LightEntry::PointLight { .. } => "point",
         LightEntry::SphereLight { .. } => "sphere",
+        LightEntry::SpotLight { .. } => "spot",
         LightEntry::RectLight { .. } => "rectangle",
         LightEntry::DomeLight { .. } => "sky",
     }

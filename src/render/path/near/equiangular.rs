@@ -1,7 +1,7 @@
 //! Points drawn by angles: of a ray about a place, and of directions to it.
 
 use crate::math::Ray;
-use crate::scene::light::around;
+use crate::scene::directions::around;
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
 
