@@ -214,6 +214,12 @@ def plan(scene: Path, *, views: int | None = None, size: tuple[int, int] | str |
     return report("Plan", ["plan"], [scene], {"views": views, "size": extent(size), **options}, progress)
 
 
+def plan_reconstruction(capture: Path, *, machines: tuple[int, ...] | None = None, progress: Progress = False,
+                        **options: Option) -> results.ReconstructionPlan:  # fmt: skip
+    """Tells the unknowns, the memory and the time of a reconstruction of densities, on this machine and on several."""
+    return report("ReconstructionPlan", ["plan"], [capture], {"machines": machines, **options}, progress)
+
+
 def gradient(scene: Path, *, wrt: str, loss: str, views: int | None = None, size: tuple[int, int] | str | None = None,
              check: bool = False, progress: Progress = False, **options: Option) -> results.Gradient:  # fmt: skip
     """Differentiates a loss on pictures of a volume with respect to `wrt` ("camera", "density", ...); `check`

@@ -43,18 +43,23 @@ __all__ = [
     "LintFinding",
     "Linted",
     "LintedStage",
+    "MachineTime",
     "Material",
     "MeanTest",
     "Merged",
     "Motion",
     "Noise",
     "Plan",
+    "PlannedMemory",
+    "PlannedScaling",
+    "PlannedStage",
     "Posed",
     "PosedCamera",
     "Preset",
     "Presets",
     "Provenance",
     "Reconstruction",
+    "ReconstructionPlan",
     "Region",
     "RegionTests",
     "Rendered",
@@ -958,7 +963,7 @@ class Effect(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Plan(Report):
-    """Report of a plan."""
+    """Report of the plan of pictures."""
 
     confidence: float | None
     """Confidence of that bound: 1 if it is proved, less if some of it was measured."""
@@ -977,6 +982,99 @@ class Plan(Report):
     up: Up | None
     """Up axis about which cameras were placed; none where they were given."""
     views: int
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlannedStage(Report):
+    """A stage of a plan."""
+
+    name: str
+    """Name that the report of the run gives the stage."""
+    range: tuple[float, ...]
+    """Least and longest time in seconds."""
+    seconds: float | None
+    """Expected wall time in seconds."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlannedMemory(Report):
+    """Memory of a plan."""
+
+    allowed_mb: float | None
+    """Memory that `max_memory` allows, in MB."""
+    fits: bool
+    """True if the reconstruction fits."""
+    needed_mb: float | None
+    """Memory that each machine needs, in MB (2²⁰ bytes): every process holds all pictures and all voxels."""
+    smallest_voxel_size: float | None
+    """Smallest edge of voxels that fits, in world units; none where the pictures alone do not."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MachineTime(Report):
+    """Time of a reconstruction on a number of machines."""
+
+    efficiency: float | None
+    """Time on one machine over the machines' times together, 0 to 1."""
+    machines: int
+    """Number of machines, each with one process."""
+    seconds: float | None
+    """Expected wall time in seconds."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlannedScaling(Report):
+    """Time of a plan on several machines."""
+
+    alone_seconds: float | None
+    """Seconds of one machine that more machines do not shorten."""
+    bandwidth: float | None
+    """Bandwidth in Gbit/s."""
+    delay: float | None
+    """Part of the time between two exchanges that varies."""
+    latency: float | None
+    """Latency in µs."""
+    machines: list[MachineTime]
+    """Time and efficiency by the number of machines."""
+    partitions: int
+    """Partitions of the rays of the finest level: no more threads work on a pass, whatever the number of machines."""
+    useful_machines: int
+    """Number of machines beyond which none has a partition of its own left to do."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReconstructionPlan(Report):
+    """Report of the plan of a reconstruction."""
+
+    capture: pathlib.Path
+    """Path of the pictures' transforms.json."""
+    expected: dict[str, Any]
+    """Unknowns, pixels, memory and expected time of the whole run."""
+    held_out: list[int]
+    """Numbers of the held-out views."""
+    iterations: tuple[float, ...] | None
+    """Fewest, expected and most iterations over all levels; none where the solver counts otherwise."""
+    memory: PlannedMemory
+    """Memory beside what a machine has."""
+    read: int
+    """Number of pictures whose pixels were read; of the others only headers were."""
+    scaling: PlannedScaling | None
+    """Time on several machines; none for solvers without a model of it."""
+    seconds_range: tuple[float, ...] | None
+    """Least and longest time in seconds: held-out views decide when the search ends. Without a range the time is right
+    within a factor of a few only."""
+    solver: str
+    """Solver that the reconstruction uses."""
+    stages: list[PlannedStage]
+    """Expected stages in the order of the work."""
+    threads: int
+    """Threads that the times hold for."""
+    timed_level: int | None
+    """Level that was timed on this machine, 0 the finest; none where times are those of a usual machine."""
+    views: int
+    """Number of pictures."""
+    voxel_size: tuple[float, ...]
+    """Edge lengths of the voxels in world units."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

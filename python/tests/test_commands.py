@@ -64,6 +64,7 @@ def test_reports_are_dataclasses_that_know_every_key(plume, shots, tmp_path):
         package.compare_statistical(one, two), package.diff(plume, found.output), package.validate(plume),
         package.convert(plume, tmp_path / "copy.vdb"), package.convert(plume, tmp_path / "copy.npy"),
         package.plan(plume, views=1, size=(16, 16)),
+        package.plan_reconstruction(shots.output, resolution=8, iterations=1, machines=(1, 2)),
         package.gradient(plume, wrt="camera", loss="mean", views=1, size=(8, 8), check=True),
         package.transfer.convert("viridis"), *package.transfer.presets(), package.transfer.suggest(plume),
         package.usd.author(plume, tmp_path / "a.usda", camera=shots.output), package.usd.lint(tmp_path / "a.usda"),

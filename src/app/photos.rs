@@ -39,22 +39,55 @@ pub(crate) fn each<T: Send>(
             .coded(Code::MemoryLimit)
             .hint("use fewer or smaller pictures, or raise ⟨max_memory⟩"));
     }
-    let read = |frame: &Frame| {
+    some(capture, &(0..capture.frames.len()).collect::<Vec<_>>(), layer, limits, tick, take)
+}
+
+/// Reads the pictures of the frames of a capture that have these numbers, as [`each`] reads all.
+///
+/// # Errors
+/// Those of [`each`], but for that of what does not fit.
+pub(crate) fn some<T: Send>(
+    capture: &Capture,
+    numbers: &[usize],
+    layer: Option<&str>,
+    limits: Limits,
+    tick: &(dyn Fn() + Sync),
+    take: impl Fn(Photo) -> T + Sync + Send,
+) -> Result<Vec<T>> {
+    let read = |number: &usize| {
+        let frame = &capture.frames[*number];
         let film = picture(&frame.picture, layer, capture, limits)?;
         tick();
-        let (w, h) = (frame.camera.width as usize, frame.camera.height as usize);
-        if (film.width, film.height) != (w, h) {
-            return Err(Error::invalid(format!(
-                "the picture has {}x{} pixels, the capture says {w}x{h}",
-                film.width, film.height
-            ))
-            .at(&frame.picture)
-            .hint("correct 'w' and 'h' together with 'fl_x', 'fl_y', 'cx' and 'cy', or leave them out"));
-        }
+        suits(frame, [film.width, film.height])?;
         let photograph = capture.pictures == Some(Pictures::Photographs);
         Ok(take(Photo { camera: frame.camera, film, name: frame.picture.display().to_string(), photograph }))
     };
-    ordered::try_map(capture.frames.par_iter(), read)
+    ordered::try_map(numbers.par_iter(), read)
+}
+
+/// Refuses a picture of so many pixels that has another size than its camera.
+fn suits(frame: &Frame, [width, height]: [usize; 2]) -> Result<()> {
+    let (w, h) = (frame.camera.width as usize, frame.camera.height as usize);
+    if [width, height] == [w, h] {
+        return Ok(());
+    }
+    Err(Error::invalid(format!("the picture has {width}x{height} pixels, the capture says {w}x{h}"))
+        .at(&frame.picture)
+        .hint("correct 'w' and 'h' together with 'fl_x', 'fl_y', 'cx' and 'cy', or leave them out"))
+}
+
+/// Reads the headers of all pictures of a capture, and refuses those that do not suit it.
+///
+/// # Errors
+/// If a header cannot be read, has another size than its camera or names no colors.
+pub(crate) fn headers(capture: &Capture, layer: Option<&str>) -> Result<()> {
+    let check = |frame: &Frame| {
+        if matches!(picture::format(&frame.picture)?.kind, FileKind::Exr) {
+            check_colors(&frame.picture, layer)?;
+        }
+        suits(frame, picture::header(&frame.picture)?.size)
+    };
+    ordered::try_map(capture.frames.par_iter(), check).map(|_| ())
 }
 
 /// Reads a picture of a capture as the radiance that arrives.

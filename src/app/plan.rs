@@ -6,16 +6,20 @@ use super::provenance::Provenance;
 use super::sequence;
 use super::up::ChosenUp;
 use crate::app::Context;
+use crate::app::reconstruct::{CapturePlan, CapturePlanSettings, DensitySettings};
 use crate::app::use_case::{Report, use_case};
 use crate::error::{Error, Result};
+use crate::formats::format::FileKind;
+use crate::formats::limits::Limits;
+use crate::formats::{captures, colmap, registry, transforms};
 use crate::plan::pilot::{self, Cost};
 use crate::plan::{CONFIDENCE, Integrator, Plan, State};
 use crate::scene::camera::Camera;
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// Settings of a plan: pictures, as they would be rendered.
+/// Settings of a plan: of pictures, as they would be rendered, or of the reconstruction of densities from a capture.
 ///
 /// Effects that a scene does not call for are off and cost nothing; more of them are left out as long as the sum of
 /// their bounds, and of the limits of what they contribute as measured, stays below
@@ -26,6 +30,9 @@ use std::path::PathBuf;
 pub struct PlanSettings {
     /// Frame of a sequence; none for the first.
     pub frame: Option<u32>,
+    /// Reconstruction that is planned where the input is a capture.
+    #[serde(flatten)]
+    pub reconstruction: CapturePlanSettings,
     /// Subject, cameras, media and light of the pictures.
     #[serde(flatten)]
     pub pictures: PictureSettings,
@@ -33,7 +40,26 @@ pub struct PlanSettings {
 
 /// Report of a plan.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
-pub struct PlanReport {
+#[serde(untagged)]
+pub enum PlanReport {
+    /// Report of pictures that are to be rendered.
+    Scene(Box<ScenePlan>),
+    /// Report of a reconstruction from a capture.
+    Capture(Box<CapturePlan>),
+}
+
+impl fmt::Display for PlanReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Scene(plan) => plan.fmt(f),
+            Self::Capture(plan) => plan.fmt(f),
+        }
+    }
+}
+
+/// Report of the plan of pictures.
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub struct ScenePlan {
     #[serde(serialize_with = "crate::app::paths::text")]
     input: PathBuf,
     views: usize,
@@ -45,7 +71,7 @@ pub struct PlanReport {
     cost: Cost,
 }
 
-impl fmt::Display for PlanReport {
+impl fmt::Display for ScenePlan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { input, views, size: [width, height], plan, cost, .. } = self;
         let by = match plan.integrator {
@@ -114,7 +140,7 @@ use_case!(PlanSettings => PlanReport, pictures.limits);
 
 impl Report for PlanReport {}
 
-impl PlanReport {
+impl ScenePlan {
     /// Returns the seconds that a picture is expected to take on this machine.
     pub(crate) fn seconds_a_picture(&self) -> f64 {
         self.cost.seconds
@@ -129,12 +155,71 @@ fn told_of(cameras: &[Camera]) -> Vec<Camera> {
     cameras.iter().step_by(cameras.len().div_ceil(TOLD).max(1)).copied().collect()
 }
 
+/// True if a path is a capture: a folder that holds one, a model of COLMAP, or a JSON file with frames.
+fn is_capture(path: &Path, limits: Limits) -> bool {
+    let file = captures::file(path);
+    if path.is_dir() || colmap::is_model_file(&file) {
+        return file.is_file();
+    }
+    let json = || registry::sniff(path).is_ok_and(|format| matches!(format.kind, FileKind::Capture));
+    json() && transforms::read_object(path, limits).is_ok_and(|root| root.contains_key("frames"))
+}
+
 impl PlanSettings {
     /// Reads and plans.
     ///
     /// # Errors
-    /// If the volume or the cameras cannot be used.
+    /// If the volume, the cameras or the capture cannot be used, or settings are given that the input has no use for.
     pub fn run(&self, context: &Context) -> Result<PlanReport> {
+        if is_capture(&self.pictures.input, self.pictures.limits) {
+            return Ok(PlanReport::Capture(Box::new(self.of_capture(context)?)));
+        }
+        if self.reconstruction != CapturePlanSettings::default() {
+            return Err(Error::invalid(
+                "⟨voxel_size⟩, ⟨resolution⟩, ⟨bounds⟩, ⟨solver⟩, ⟨held_out⟩, ⟨iterations⟩, ⟨smoothing⟩, ⟨layer⟩, \
+                 ⟨machines⟩, ⟨bandwidth⟩, ⟨latency⟩ and ⟨delay⟩ are of reconstructions from captures",
+            )
+            .at(&self.pictures.input)
+            .hint("leave them out, or give a capture: a transforms.json, a model of COLMAP, or the folder of either"));
+        }
+        Ok(PlanReport::Scene(Box::new(self.of_scene(context)?)))
+    }
+
+    /// Plans the reconstruction of densities from a capture.
+    fn of_capture(&self, context: &Context) -> Result<CapturePlan> {
+        let PictureSettings { input, transfer, limits, .. } = &self.pictures;
+        let (capture, transfer, limits) = (input.clone(), transfer.clone(), *limits);
+        let plain = PictureSettings { input: capture.clone(), transfer: transfer.clone(), limits, ..<_>::default() };
+        if self.frame.is_some() || self.pictures != plain {
+            return Err(Error::invalid("the input is a capture, and an option is given that is of rendering alone")
+                .at(input)
+                .hint(
+                    "give the options of `cumulo reconstruct density` alone; to plan renders with the cameras of a \
+                     capture, give a volume and ⟨cameras⟩",
+                ));
+        }
+        let CapturePlanSettings { region, solver, held_out, iterations, smoothing, layer, scaling } =
+            self.reconstruction.clone();
+        let settings = DensitySettings {
+            capture,
+            transfer,
+            limits,
+            region,
+            solver,
+            held_out,
+            iterations,
+            smoothing,
+            layer,
+            ..DensitySettings::default()
+        };
+        settings.plan(&scaling, context)
+    }
+
+    /// Plans pictures.
+    ///
+    /// # Errors
+    /// If the volume or the cameras cannot be used.
+    pub(crate) fn of_scene(&self, context: &Context) -> Result<ScenePlan> {
         self.pictures.check()?;
         let cancel = context.cancel();
         let mut pictures = self.pictures.clone();
@@ -185,6 +270,6 @@ impl PlanSettings {
         let cost = pilot::run(&mut plan, &scene, camera, samples, quadrature, &cancel)?.ok_or_else(Error::cancelled)?;
         let size = [camera.width, camera.height];
         let views = scene.cameras.len();
-        Ok(PlanReport { input: pictures.input, views, size, up, plan, cost })
+        Ok(ScenePlan { input: pictures.input, views, size, up, plan, cost })
     }
 }

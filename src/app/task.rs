@@ -73,6 +73,11 @@ impl Task {
         Ok(Self { provenance, initial_guess: None, limits, context: context.clone() })
     }
 
+    /// Begins a task that writes nothing.
+    pub(crate) fn planned(limits: Limits, context: &Context) -> Self {
+        Self { provenance: Provenance::begin(context), initial_guess: None, limits, context: context.clone() }
+    }
+
     /// States the settings of a search, and where it begins.
     ///
     /// # Errors

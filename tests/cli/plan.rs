@@ -1,6 +1,6 @@
 //! `cumulo plan`, and `cumulo render` by plans.
 
-use crate::common::work::{Work, fixture};
+use crate::common::work::{Work, fixture, number};
 use cumulo::error::Code;
 use serde_json::Value;
 
@@ -144,4 +144,75 @@ fn a_limit_shortens_paths() {
         work.text(&format!("render @plume.vdb --views 1 --size 9x9 {LIT} --max-omitted 100 -o text"))
             .contains("of radiance is missing")
     );
+}
+
+fn numbers<'v>(plan: &'v Value, pointer: &str) -> Vec<f64> {
+    plan.pointer(pointer).unwrap().as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+}
+
+/// What a plan says fits together, holds for the run, and does not take the run's time.
+#[test]
+fn plans_of_captures_tell_what_a_reconstruction_takes() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 12 --size 48x48 --density-scale auto -o shots");
+    let words = "--resolution 32 --iterations 6";
+    let plan = work.json(&format!("plan shots {words} --machines 1,4,64"));
+    let run = work.json(&format!("reconstruct density shots {words} -o found.vdb"));
+    assert_eq!((&plan["views"], &plan["read"], &plan["solver"]), (&12.into(), &8.into(), &"cg".into()));
+    assert_eq!(plan["held_out"], run["held_out"]);
+    assert_eq!(plan["expected"]["measurements"], 12 * 48 * 48);
+    let ratio = number(&plan["expected"], "unknowns") / number(&run, "unknowns");
+    assert!((0.9..1.5).contains(&ratio), "{ratio}");
+    let memory = number(&plan["expected"], "memory_mb");
+    let peak = number(&run, "peak_memory_mb");
+    assert!(memory >= peak && memory == number(&plan["memory"], "needed_mb"), "{memory} {peak}");
+
+    // The stages are those of the run, and their sum is the whole.
+    let names = |report: &Value| -> Vec<String> {
+        report["stages"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap().to_owned()).collect()
+    };
+    assert_eq!(names(&plan), names(&run));
+    let stages = plan["stages"].as_array().unwrap();
+    let sum: f64 = stages.iter().map(|stage| number(stage, "seconds")).sum();
+    let (seconds, range) = (number(&plan["expected"], "seconds"), numbers(&plan, "/seconds_range"));
+    assert!((sum - seconds).abs() < 1e-9 && range[0] <= seconds && seconds <= range[1], "{plan}");
+    let iterations = numbers(&plan, "/iterations");
+    assert!((iterations[0]..=iterations[2]).contains(&number(&run, "iterations")), "{iterations:?} {run}");
+
+    let scaling = plan["scaling"]["machines"].as_array().unwrap();
+    assert_eq!(scaling.iter().map(|s| s["machines"].as_u64().unwrap()).collect::<Vec<_>>(), [1, 4, 64]);
+    assert!((number(&scaling[0], "seconds") / seconds - 1.0).abs() < 0.1, "{scaling:?} {seconds}");
+    assert_eq!(scaling[0]["efficiency"], 1.0);
+    assert!(number(&scaling[2], "efficiency") < number(&scaling[1], "efficiency"), "{scaling:?}");
+    assert!(plan["scaling"]["useful_machines"].as_u64().unwrap() <= plan["scaling"]["partitions"].as_u64().unwrap());
+
+    let text = work.text("plan shots/transforms.json --resolution 400 --max-memory 200M --iterations 2");
+    assert!(text.contains("it does not fit; voxels of") && text.contains("1024"), "{text}");
+    let descent = work.json("plan shots --solver weiss2021 --resolution 24");
+    assert_eq!((&descent["scaling"], &descent["timed_level"]), (&Value::Null, &Value::Null));
+}
+
+/// Pictures whose pixels are not read have headers that are; options of the other kind of input are refused.
+#[test]
+fn plans_refuse_captures_that_no_reconstruction_takes() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 12 --size 24x24 --density-scale auto -o shots");
+    work.refused("plan shots --samples 4", Code::Invalid, &["shots", "reconstruct density", "--cameras"]);
+    work.refused("plan @plume.vdb --resolution 32", Code::Invalid, &["plume.vdb", "--resolution", "transforms.json"]);
+    work.refused("plan shots --held-out 12", Code::Invalid, &["--held-out 12", "12 views"]);
+    work.refused("plan shots --bounds 9,9,9,8,8,8", Code::Usage, &["--bounds"]);
+    // The first picture is none of the eight.
+    let first = work.path("shots/view_000.exr");
+    work.json("render @plume.vdb --views 1 --size 8x8 --density-scale auto -o small.exr");
+    let own = std::fs::read(&first).unwrap();
+    std::fs::copy(work.path("small.exr"), &first).unwrap();
+    work.refused("plan shots", Code::Invalid, &["view_000.exr", "8x8", "24x24"]);
+    std::fs::write(&first, &own[..100]).unwrap();
+    work.refused("plan shots", Code::Invalid, &["view_000.exr"]);
+    std::fs::write(&first, "no picture").unwrap();
+    work.refused("plan shots", Code::Unsupported, &["view_000.exr", "EXR"]);
+    std::fs::remove_file(&first).unwrap();
+    work.refused("plan shots", Code::NotFound, &["view_000.exr"]);
+    std::fs::write(work.path("empty.json"), r#"{"frames": []}"#).unwrap();
+    work.refused("plan empty.json", Code::Invalid, &["empty.json"]);
 }

@@ -108,6 +108,7 @@ fn documents_of_every_command_are_what_their_schemas_say() {
     ok("study-gradient", "study gradient @plume.vdb --size 8x8 --repeats 1 --knobs precision -o slow");
     ok("study-denoise", "study denoise lit.exr --reference other.exr --repeats 1 --knobs method -o filters");
     ok("render", &format!("render @plume.vdb --views 6 --size 12x12 {auto} -o six"));
+    ok("plan", "plan six --resolution 8 --iterations 2 --machines 1,2");
     ok("study-reconstruct", "study reconstruct six --knobs noise --resolution 8 --repeats 1 -o volumes");
     ok("viewpoint", &format!("viewpoint @plume.vdb --size 8x8 {auto} --starts 2 --pictures best -o best.json"));
     ok("pose", "pose cap --volume @plume.vdb --iterations 2 -o posed.json");

@@ -18,7 +18,8 @@ use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{File, shaded};
 use crate::inverse::color::{self, Shaded};
-use crate::inverse::cost::{Cost, Method};
+use crate::inverse::cost::effort::{self, Rates};
+use crate::inverse::cost::{Cost, Method, PictureSizes};
 use crate::inverse::density::Request;
 use crate::inverse::observation::transmittances::Channels;
 use crate::scene::capture::Model;
@@ -122,11 +123,12 @@ impl ColorSettings {
                  directions",
             );
         }
-        let pixels = work.input.capture.pixels();
-        work.forecast(&self.region, Channels::Alpha, |observation, placed| {
-            let request = self.request(&work, placed, held_out.clone());
-            let steps = color::most_iterations(observation, &request);
-            Ok(Cost::new(Method::Color, &placed.survey, &request, pixels, steps))
+        work.forecast(&self.region, Channels::Alpha, |work, sample, placed| {
+            let (request, survey) = (self.request(work, placed, held_out.clone()), &placed.survey);
+            let steps = color::most_iterations(&sample.observation, &request);
+            let pictures = PictureSizes::of(&work.input.capture);
+            let seconds = effort::of_steps(Method::Color, survey, &request, pictures.pixels, steps, &Rates::USUAL);
+            Ok((Cost::new(Method::Color, survey, pictures, seconds), None))
         })?;
         let pictures = work.read(Emission::Sought, Channels::Alpha, true, |photo| photo)?;
         let measurements = work.measure(&self.region, pictures)?;

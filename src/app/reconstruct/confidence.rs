@@ -95,6 +95,11 @@ pub(crate) fn of_cameras(field: &Bricks<f32>, fit: Fit<'_>) -> Result<Option<War
     Ok(if cancel.requested() { None } else { displacement::warning(&displacements, fit.excerpts) })
 }
 
+/// Compares excerpts of pictures with what a renderer makes of the densities, for the time that it takes.
+pub(crate) fn compared<I: Differentiable<Real = f32>>(renderer: &Composited<I>, fit: Fit<'_>) {
+    fit.residual_warnings(renderer);
+}
+
 /// Measures the confidences of a pre-shaded volume, as a grid beside that of the extinctions and one beside that of the
 /// emissions, whose three colors share theirs; no grids once the work is to stop. The warnings are those of the
 /// residuals.

@@ -2,9 +2,10 @@
 
 use super::capture::LoadedCapture;
 use super::confidence::{self, Fit};
+use super::density_solver::{DensitySolver, SETTLED};
 use super::refinement::RefinementSettings;
 use super::region::{Placed, RegionSettings};
-use super::volume::{Measurements, Pictures, Solved, VolumeTask};
+use super::volume::{Pictures, Solved, VolumeTask};
 use crate::app::Context;
 use crate::app::checks::Emission;
 use crate::app::earlier::InitialGuess;
@@ -12,7 +13,7 @@ use crate::app::inputs;
 use crate::app::outputs::Content;
 use crate::app::photos;
 use crate::app::ranges;
-use crate::app::run::{self, Run, Solver};
+use crate::app::run::{self, Run};
 use crate::app::task::{Task, without_result};
 use crate::app::transfer::TransferSettings;
 use crate::app::use_case::use_case;
@@ -22,13 +23,10 @@ use crate::formats::limits::Limits;
 use crate::formats::transfer;
 use crate::formats::vdb::{Codec, File, write_grids};
 use crate::inverse::checkpoint::Checkpoint;
-use crate::inverse::cost::{Cost, Method};
 use crate::inverse::density::{Outcome, Request};
-use crate::inverse::density::{multilevel, weiss2021};
 use crate::inverse::observation::Observation;
 use crate::inverse::observation::photo::Photo;
 use crate::inverse::observation::transmittances::Channels;
-use crate::inverse::progress::Step;
 use crate::inverse::through_transfer;
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
@@ -37,7 +35,6 @@ use crate::scene::medium::Source;
 use crate::scene::transfer::Transfer;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -166,68 +163,6 @@ pub enum Loss {
     L2,
 }
 
-/// Solver of densities, as [`Choice`] and the medium of the pictures choose it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum DensitySolver {
-    Cg,
-    Weiss2021,
-    ThroughTransfer,
-}
-
-impl DensitySolver {
-    /// Returns the largest number of iterations on the finest level, or of epochs, unless the settings say so.
-    fn usual_iterations(self, noisy: bool) -> u32 {
-        match self {
-            Self::Cg if noisy => 40,
-            Self::Cg => 24,
-            Self::Weiss2021 | Self::ThroughTransfer => 50,
-        }
-    }
-
-    /// Returns the largest number of steps that a run reports, over all levels.
-    fn most_iterations(self, observation: &Observation, request: &Request, views: usize) -> u64 {
-        let training = views - request.held_out.len();
-        match self {
-            Self::Cg => multilevel::most_iterations(observation, request),
-            Self::Weiss2021 => weiss2021::most_iterations(request, training),
-            Self::ThroughTransfer => through_transfer::most_iterations(observation, request, training),
-        }
-    }
-
-    fn reconstruct(
-        self,
-        measurements: &Measurements,
-        request: &Request,
-        watch: impl FnMut(&Step) -> ControlFlow<()>,
-    ) -> Result<Outcome> {
-        let Pictures { photos, observation, .. } = &measurements.pictures;
-        match self {
-            Self::Cg => multilevel::reconstruct(observation, request, watch),
-            Self::Weiss2021 => weiss2021::reconstruct(photos, observation, request, watch),
-            Self::ThroughTransfer => through_transfer::reconstruct(photos, observation, request, watch),
-        }
-    }
-
-    /// Returns the method that the solver's cost is estimated for.
-    fn method(self) -> Method {
-        match self {
-            Self::Cg => Method::Cg,
-            Self::Weiss2021 => Method::Descent,
-            Self::ThroughTransfer => Method::ThroughTransfer,
-        }
-    }
-}
-
-impl From<DensitySolver> for Solver {
-    fn from(solver: DensitySolver) -> Self {
-        match solver {
-            DensitySolver::Cg => Self::Cg,
-            DensitySolver::Weiss2021 => Self::Weiss2021,
-            DensitySolver::ThroughTransfer => Self::ThroughTransfer,
-        }
-    }
-}
-
 use_case!(DensitySettings => Run, limits);
 
 impl DensitySettings {
@@ -243,9 +178,7 @@ impl DensitySettings {
     /// If the pictures cannot be read or used, or the outputs cannot be written.
     pub fn run(&self, context: &Context) -> Result<Run> {
         let _inputs = inputs::protect(self.inputs(), self.limits);
-        self.region.check()?;
-        ranges::within("iterations", self.iterations, [1, 100_000])?;
-        ranges::within("smoothing", self.smoothing, [0, 64])?;
+        self.check()?;
         let mut task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), self.limits, context)?;
         let (init, resume, output) = (self.init.as_deref(), self.resume, &self.output);
         task.search("reconstruct density", self, InitialGuess { init, resume, output, overwrite: None })?;
@@ -269,23 +202,23 @@ impl DensitySettings {
             );
         }
         let channels = channels(&work.input.capture)?;
-        let pixels = work.input.capture.pixels();
-        work.forecast(&self.region, channels, |observation, placed| {
-            let request = self.request(&work, observation, placed, solver, held_out.clone())?;
-            let steps = solver.most_iterations(observation, &request, views);
-            Ok(Cost::new(solver.method(), &placed.survey, &request, pixels, steps))
+        work.forecast(&self.region, channels, |work, sample, placed| {
+            let (task, capture) = (&work.task, &work.input.capture);
+            let request = self.request((task, capture), &sample.observation, placed, solver, held_out.clone())?;
+            let measured = solver.measured(sample, capture, placed, &request)?;
+            Ok((solver.cost(&sample.observation, placed, &request, capture, measured.as_ref()), measured))
         })?;
         let mut pictures = pictures(&mut work, channels, solver)?;
         if let Some(path) = cameras {
             let request = |work: &VolumeTask<'_>, observation: &Observation, placed: &Placed| {
-                self.request(work, observation, placed, solver, Vec::new())
+                self.request((&work.task, &work.input.capture), observation, placed, solver, Vec::new())
             };
             let refined = self.refinement.refine(&mut work, path, &self.region, &mut pictures, request);
             refined.map_err(without_result)?;
         }
         let measurements = work.measure(&self.region, pictures)?;
-        let request =
-            self.request(&work, &measurements.pictures.observation, &measurements.unknowns.placed, solver, held_out);
+        let (observation, placed) = (&measurements.pictures.observation, &measurements.unknowns.placed);
+        let request = self.request((&work.task, &work.input.capture), observation, placed, solver, held_out);
         let request = request.map_err(|e| e.at(&work.input.json))?;
         let steps = solver.most_iterations(&measurements.pictures.observation, &request, views);
         work.plan(&measurements, &request, solver.method(), steps)?;
@@ -316,9 +249,16 @@ impl DensitySettings {
         work.finish(solver.into(), self.grid.clone(), voxel_size, solved, request.held_out)
     }
 
+    /// Refuses values out of their ranges.
+    pub(super) fn check(&self) -> Result<()> {
+        self.region.check()?;
+        ranges::within("iterations", self.iterations, [1, 100_000])?;
+        ranges::within("smoothing", self.smoothing, [0, 64])
+    }
+
     /// Loads the capture, and refuses pictures that do not tell the densities; the transfer function of the
     /// settings takes the place of its own.
-    fn input(&self, limits: Limits) -> Result<LoadedCapture> {
+    pub(super) fn input(&self, limits: Limits) -> Result<LoadedCapture> {
         let mut input = LoadedCapture::load(&self.capture, limits)?;
         if let Some(transfer) = self.transfer.load(limits)? {
             input.suits_function()?;
@@ -328,7 +268,7 @@ impl DensitySettings {
         Ok(input)
     }
 
-    fn solver(&self, capture: &Capture) -> Result<DensitySolver> {
+    pub(super) fn solver(&self, capture: &Capture) -> Result<DensitySolver> {
         let source = explained(capture).medium()?.source;
         let solver = match (self.solver, source) {
             (Choice::Auto | Choice::Cg, Source::Grey(_)) => DensitySolver::Cg,
@@ -347,15 +287,14 @@ impl DensitySettings {
         Ok(solver)
     }
 
-    fn request(
+    pub(super) fn request(
         &self,
-        work: &VolumeTask<'_>,
+        (task, capture): (&Task, &Capture),
         observation: &Observation,
         placed: &Placed,
         solver: DensitySolver,
         held_out: Vec<usize>,
     ) -> Result<Request> {
-        let (task, capture) = (&work.task, &work.input.capture);
         // The output has grids of confidences beside its own.
         let name = self.resume.then_some(self.grid.as_str());
         let init = task.read_initial_guess(|path| volume(path, name, task.limits))?;
@@ -436,9 +375,6 @@ fn through(mut grid: Grid, transfer: Option<&Transfer>) -> Grid {
 
 /// Longest time between checkpoints, in seconds: years.
 const MOST_SECONDS: f64 = 1e9;
-/// Iterations on the finest level from which on a volume suits its cameras, if they suit one another.
-const SETTLED: usize = 8;
-
 fn volume(path: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks<f32>> {
     let grid = File::open(path, limits)?.read_fog(grid)?;
     Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(path))
@@ -451,7 +387,7 @@ fn explained(capture: &Capture) -> Cow<'_, Capture> {
 }
 
 /// Returns the channels of the pictures that tell the optical depths.
-fn channels(capture: &Capture) -> Result<Channels> {
+pub(super) fn channels(capture: &Capture) -> Result<Channels> {
     if capture.model == Model::Scattering {
         return Ok(Channels::Alpha);
     }

@@ -7,7 +7,7 @@ use crate::app::outputs::{self, Content, RECORD};
 use crate::app::run::{CameraMotion, RefinedCameras};
 use crate::error::{Error, Result};
 use crate::formats::transforms;
-use crate::inverse::cost::{Cost, Method};
+use crate::inverse::cost::{Cost, Method, PictureSizes};
 use crate::inverse::density::Request;
 use crate::inverse::observation::Observation;
 use crate::inverse::refinement;
@@ -81,7 +81,8 @@ impl RefinementSettings {
         let unknowns = region.choose(&work.input.capture, observation, &context).map_err(|e| e.at(&json))?;
         let request = request(work, observation, &unknowns.placed)?;
         let (focal, pixels) = (self.refine_cameras == Some(Refined::Focal), work.input.capture.pixels());
-        let mut cost = Cost::new(Method::Cg, &unknowns.placed.survey, &request, pixels, 0);
+        let sizes = PictureSizes::of(&work.input.capture);
+        let mut cost = Cost::new(Method::Cg, &unknowns.placed.survey, sizes, 0.0);
         cost.memory_mb += COPIES * pixels as f64 / f64::from(1 << 20);
         cost.fits(request.max_memory).map_err(|e| e.at(&json))?;
 

@@ -1,9 +1,10 @@
 //! The reconstruction of voxels: the steps from pictures to report that densities and pre-shaded volumes share.
 
 use super::capture::LoadedCapture;
-use super::forecast::Forecast;
+use super::forecast::{Forecast, Search};
 use super::page;
 use super::region::{Placed, RegionSettings, Unknowns};
+use super::sample::{Measured, Sample};
 use super::stages::StageClock;
 use crate::app::checks::excerpt::Excerpt;
 use crate::app::checks::residuals;
@@ -12,7 +13,8 @@ use crate::app::photos;
 use crate::app::run::{self, RefinedCameras, Run, Solver};
 use crate::app::task::{Captured, Task};
 use crate::error::Result;
-use crate::inverse::cost::{Cost, Method};
+use crate::inverse::cost::effort::{self, Rates};
+use crate::inverse::cost::{Cost, Method, PictureSizes};
 use crate::inverse::density::Request;
 use crate::inverse::observation::Observation;
 use crate::inverse::observation::photo::Photo;
@@ -38,6 +40,7 @@ pub(super) struct VolumeTask<'t> {
     clock: StageClock,
     warnings: Vec<Warning>,
     expected: Option<Cost>,
+    measured: Option<Measured>,
     refined: Option<RefinedCameras>,
 }
 
@@ -94,6 +97,7 @@ impl<'t> VolumeTask<'t> {
             clock: StageClock::start(),
             warnings: Vec::new(),
             expected: None,
+            measured: None,
             refined: None,
         }
     }
@@ -104,14 +108,16 @@ impl<'t> VolumeTask<'t> {
     /// # Errors
     /// If a picture cannot be read.
     pub(crate) fn forecast(
-        &self,
+        &mut self,
         region: &RegionSettings,
         channels: Channels,
-        cost: impl FnOnce(&Observation, &Placed) -> Result<Cost>,
+        cost: impl FnOnce(&Self, &Sample, &Placed) -> Result<(Cost, Option<Measured>)>,
     ) -> Result<()> {
         let LoadedCapture { json, capture, .. } = &self.input;
         let forecast = Forecast { capture, layer: self.layer, limits: self.task.limits, channels };
-        forecast.tell(region, &self.task.context, cost).map_err(|e| e.at(json))
+        let told = forecast.tell(region, &self.task.context, |sample, placed| cost(self, sample, placed));
+        self.measured = told.map_err(|e| e.at(json))?.flatten();
+        Ok(())
     }
 
     /// Reads the pictures, whose `channels` tell the optical depths, and keeps them whole where `whole` says so. The
@@ -178,8 +184,14 @@ impl<'t> VolumeTask<'t> {
         steps: u64,
     ) -> Result<()> {
         self.clock.end(if self.refined.is_some() { "choose the region" } else { "read pictures" });
-        let pixels = self.input.capture.pixels();
-        let expected = Cost::new(method, &measurements.unknowns.placed.survey, request, pixels, steps);
+        let (survey, observation) = (&measurements.unknowns.placed.survey, &measurements.pictures.observation);
+        let pictures = PictureSizes::of(&self.input.capture);
+        let PictureSizes { pixels, count, .. } = pictures;
+        let seconds = match method {
+            Method::Cg => Search::new(observation, survey, request, (count, pixels), self.measured.as_ref()).seconds(),
+            _ => effort::of_steps(method, survey, request, pixels, steps, &Rates::USUAL),
+        };
+        let expected = Cost::new(method, survey, pictures, seconds);
         expected.fits(request.max_memory).map_err(|e| e.at(&self.input.json))?;
         measurements.unknowns.writable(self.vdb)?;
         self.task.context.note(format!("expected: {expected}"));

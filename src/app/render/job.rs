@@ -58,7 +58,8 @@ impl Divisible for RenderSettings {
             return None;
         }
         let frame = self.frames.map(|Frames { first, .. }| first);
-        let plan = PlanSettings { frame, pictures: self.pictures.clone() }.run(&context.silent()).ok()?;
+        let plan = PlanSettings { frame, pictures: self.pictures.clone(), ..PlanSettings::default() };
+        let plan = plan.of_scene(&context.silent()).ok()?;
         Some(plan.seconds_a_picture())
     }
 }

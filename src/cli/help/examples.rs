@@ -95,6 +95,7 @@ const TABLE: &[Examples] = &[
         &[
             "cumulo plan smoke.vdb --density-scale auto --albedo 0.9 --sun 1,1,2",
             "cumulo plan smoke.vdb --albedo 0.9 --max-omitted 0.1 --json",
+            "cumulo plan shots --resolution 256 --machines 1,4,16",
         ],
     ),
     (

@@ -69,7 +69,7 @@ where
     let mut stored = vec![I::Voxel::default(); renderer.medium.field().values.len()];
     let mut accumulators = Workspace::default();
     let linear = |_: &[f32; 4], signs: &[f32; 4]| (0.0, *signs);
-    let probes = (PROBE_VIEWS / views.len().max(1)).clamp(PROBES[0], PROBES[1]);
+    let probes = probes(views.len());
     for probe in 0..probes {
         stored.fill(I::Voxel::default());
         let mut first = 0;
@@ -103,6 +103,11 @@ where
         (0..count).into_par_iter().map(|voxel| voxel_confidence(squares, &neighbours, voxel, ratio)).collect()
     };
     Some(squares.iter().zip(groups).map(share).collect())
+}
+
+/// Returns the number of probes of so many views.
+pub fn probes(views: usize) -> usize {
+    (PROBE_VIEWS / views.max(1)).clamp(PROBES[0], PROBES[1])
 }
 
 /// Share of the range of the values of a voxel and its neighbours that a voxel may be off by: sharp edges and texture

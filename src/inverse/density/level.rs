@@ -35,29 +35,29 @@ const WEAKEST: f64 = 1.0 / 1024.0;
 const WEIGHT_FROM_START: f64 = 0.25;
 /// Iterations after which a level ends if they gained less than [`GAIN`] dB on the held-out views; a smaller gain is
 /// insignificant.
-const PATIENCE: usize = 6;
+pub(super) const PATIENCE: usize = 6;
 const GAIN: f64 = 0.3;
 /// Largest number of blur passes that is tried, and iterations after which two numbers are compared.
 const MOST_PASSES: u32 = 6;
 pub(super) const TRIAL: u32 = 4;
 /// Iterations with one weight of the penalty on noise.
-const NOISY_STEP: u32 = 4;
+pub(super) const NOISY_STEP: u32 = 4;
 /// Views whose misfit tells whether noise is fitted already, where none are held out.
-const MISFITS: usize = 8;
+pub const MISFITS: usize = 8;
 
 /// The problem on one level.
 pub(super) struct Level {
-    topology: Arc<Topology>,
-    lattice: Affine,
-    unknown: Vec<bool>,
-    train: Vec<View>,
+    pub(super) topology: Arc<Topology>,
+    pub(super) lattice: Affine,
+    pub(super) unknown: Vec<bool>,
+    pub(super) train: Vec<View>,
     held_out: Vec<View>,
     pub projector: Projector,
     pub smoother: Smoother,
     /// Largest weight of the penalty on differences of neighbours, where the pictures have noise.
-    penalty: Option<f64>,
-    start: Vec<f32>,
-    robust: bool,
+    pub(super) penalty: Option<f64>,
+    pub(super) start: Vec<f32>,
+    pub(super) robust: bool,
     finest: bool,
     /// True if the number of blur passes is to be chosen.
     explore: bool,
@@ -85,13 +85,30 @@ impl Level {
         start: Option<&Bricks<f32>>,
         passes: u32,
     ) -> Result<Self> {
-        let stride = 1_usize << level;
         let lattice = lattice::coarser(&request.lattice, level)?;
+        let hull = Hull::new(observation).cancel(request.cancel.clone());
+        let found = hull.unknowns(&lattice, &request.bounds, Self::most_bricks(request))?;
+        Self::within(observation, request, level, found, start, passes)
+    }
+
+    /// Returns the largest number of bricks whose solver fits in memory.
+    pub(super) fn most_bricks(request: &Request) -> usize {
         // Solver vectors, the penalty's differences, the field, its accumulators and the way back.
         let per_brick = (LEAF_VOXELS * 10 + BRICK * 4) * size_of::<f32>();
-        let limit = (request.max_memory / per_brick as u64) as usize;
-        let (topology, unknown) =
-            Hull::new(observation).cancel(request.cancel.clone()).unknowns(&lattice, &request.bounds, limit)?;
+        (request.max_memory / per_brick as u64) as usize
+    }
+
+    /// Creates the problem on bricks that are found already, with the flags of their unknown voxels.
+    pub(super) fn within(
+        observation: &Observation,
+        request: &Request,
+        level: u32,
+        (topology, unknown): (Topology, Vec<bool>),
+        start: Option<&Bricks<f32>>,
+        passes: u32,
+    ) -> Result<Self> {
+        let stride = 1_usize << level;
+        let lattice = lattice::coarser(&request.lattice, level)?;
         let topology = Arc::new(topology);
         // Pixels of coarser levels are means of many already; one ray is as good as their model gets.
         let rays = if level == 0 { request.rays_per_edge } else { 1 };

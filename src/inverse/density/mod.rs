@@ -6,6 +6,7 @@ pub mod descent;
 mod held_out;
 mod level;
 pub mod multilevel;
+pub mod timing;
 pub mod weiss2021;
 
 use crate::cancel::Cancel;

@@ -1,7 +1,8 @@
 //! Densities by conjugate gradients, level by level from coarse to fine: each level starts from the one before it.
 
 use crate::error::{Error, Kind, Result};
-use crate::inverse::density::level::{Level, TRIAL};
+pub use crate::inverse::density::level::MISFITS;
+use crate::inverse::density::level::{Level, NOISY_STEP, PATIENCE, TRIAL};
 use crate::inverse::density::{Outcome, Request};
 use crate::inverse::observation::Observation;
 use crate::inverse::progress::{Stage, Step};
@@ -16,7 +17,7 @@ const COARSEST: f64 = 24.0;
 /// Iterations on each level but the finest.
 const COARSE_ITERATIONS: u32 = 8;
 /// Number of blur passes that the coarsest level tries first, and that for clean pictures without held-out views.
-const PASSES: u32 = 2;
+const USUAL_PASSES: u32 = 2;
 const CLEAN_PASSES: u32 = 1;
 /// Iterations with the penalty on noise on each level but the finest.
 const NOISY_COARSE_ITERATIONS: u32 = 32;
@@ -40,15 +41,7 @@ pub fn reconstruct(
     let mut field = request.init.clone();
     let levels = levels(&request.lattice, &request.bounds, field.as_ref());
     let mut last = None;
-    let blind = request.held_out.is_empty() && observation.clean;
-    let usual = if observation.noisy() {
-        NOISY_PASSES
-    } else if blind {
-        CLEAN_PASSES
-    } else {
-        PASSES
-    };
-    let mut passes = request.smoothing.unwrap_or(usual);
+    let mut passes = usual_passes(observation, request);
     let coarse = coarse_iterations(observation, request);
     for level in (0..levels).rev() {
         let begun = Instant::now();
@@ -94,6 +87,69 @@ pub fn reconstruct(
     };
     Ok(Outcome { field, history, stages, train_psnr_db: train, held_out_psnr_db: held_out, unknowns, stopped })
 }
+
+/// Returns the number of blur passes that the coarsest level begins with.
+pub(super) fn usual_passes(observation: &Observation, request: &Request) -> u32 {
+    let blind = request.held_out.is_empty() && observation.clean;
+    let usual = if observation.noisy() {
+        NOISY_PASSES
+    } else if blind {
+        CLEAN_PASSES
+    } else {
+        USUAL_PASSES
+    };
+    request.smoothing.unwrap_or(usual)
+}
+
+/// Iterations that are expected on a level.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LevelSteps {
+    /// Level, 0 the finest.
+    pub level: u32,
+    /// Fewest, usual and largest number of iterations.
+    pub iterations: [f64; 3],
+    /// Iterations after which a cycle of the solver ends, which begins with one more pass over the rays.
+    pub cycle: f64,
+}
+
+/// Returns the iterations that are expected on each level, the coarsest first. They are known where held-out views have
+/// no say; else the usual number is what captures of smoke, tiles and photographs took.
+pub fn expected_steps(observation: &Observation, request: &Request) -> Vec<LevelSteps> {
+    let levels = levels(&request.lattice, &request.bounds, request.init.as_ref());
+    let coarse = coarse_iterations(observation, request);
+    let noisy = observation.noisy() && request.smoothing.is_none();
+    let of_level = |level: u32| {
+        let limit = f64::from(if level == 0 { request.iterations } else { coarse });
+        let trial = f64::from(TRIAL);
+        let iterations = match (noisy, request.held_out.is_empty(), request.smoothing.is_some()) {
+            // Coarse levels and photographs hardly ever fit their noise before the end.
+            (true, ..) if level > 0 || observation.photographs() => [trial, limit, limit],
+            (true, ..) => [trial, (NOISY_USUAL * limit).round(), limit],
+            // All of them, but for what is solved before.
+            (false, true, _) => [limit; 3],
+            (false, false, true) => [(PATIENCE + 1) as f64, limit, limit],
+            (false, false, false) if limit <= trial => [limit; 3],
+            (false, false, false) => {
+                // Numbers of blur passes that are tried, of which one is gone on with.
+                let trials = if level == 0 { [2.0, 2.5, 7.0] } else { [2.0, 3.5, 8.0] };
+                let descents = [1.0, limit, limit];
+                std::array::from_fn(|i| trial * trials[i] + descents[i].min(limit - trial))
+            }
+        };
+        let [least, usual, most] = iterations;
+        LevelSteps {
+            level,
+            iterations: [least.min(most), usual.clamp(least.min(most), most), most],
+            cycle: if noisy { f64::from(NOISY_STEP) } else { CYCLE },
+        }
+    };
+    (0..levels).rev().map(of_level).collect()
+}
+
+/// Usual part of the iterations that the finest level takes with the penalty on noise.
+const NOISY_USUAL: f64 = 0.7;
+/// Mean length of the solver's cycles over so many iterations.
+const CYCLE: f64 = 6.0;
 
 /// Returns the largest number of iterations of a run, over all levels.
 pub fn most_iterations(observation: &Observation, request: &Request) -> u64 {

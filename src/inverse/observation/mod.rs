@@ -77,6 +77,13 @@ impl Observation {
         self.maps.par_iter_mut().map(widen).collect()
     }
 
+    /// Returns the share of the pixels that show something.
+    pub fn shown_share(&self) -> f64 {
+        let shown: usize = self.maps.iter().map(|map| map.shown.iter().filter(|shown| **shown).count()).sum();
+        let all: usize = self.maps.iter().map(|map| map.shown.len()).sum();
+        shown as f64 / all.max(1) as f64
+    }
+
     /// True if the noise of some picture has a say in what its pixels tell.
     pub fn noisy(&self) -> bool {
         self.maps.iter().any(|map| map.limit != Limit::Voxels)

@@ -54,7 +54,7 @@ impl View {
 }
 
 /// Pixels handled in one go.
-const RUN: usize = 1024;
+pub(crate) const RUN: usize = 1024;
 
 /// The operator on a fixed topology.
 #[derive(Debug)]
@@ -87,6 +87,11 @@ impl Projector {
             field,
             cancel: Cancel::NEVER,
         }
+    }
+
+    /// Number of partitions that rays are dealt to.
+    pub fn partitions(&self) -> usize {
+        self.partitions.len()
     }
 
     /// Unknowns: 512 a brick.

@@ -1,14 +1,16 @@
 //! What a reconstruction will cost, before anything large is allocated.
 //!
-//! Memory follows from the sizes of what is held at once; it errs upwards, but for pictures that threads decode at once
-//! (4 % too little was seen of pictures of 1024²). Time follows from the number of passes, and
-//! from what a voxel and a step along a ray take on a processor of today, measured: it is right within a factor of a
-//! few.
+//! Memory follows from the sizes of what is held at once; it errs upwards. Time follows from the number of passes, and
+//! from what a voxel and a step along a ray take: on a processor of today, which is right within a factor of a few, or
+//! as [timed](crate::inverse::density::timing) with the real operators on the machine at hand.
+
+pub mod effort;
+pub mod scaling;
 
 use crate::error::{Code, Error, Result};
-use crate::inverse::density::Request;
 use crate::inverse::region::hull::Survey;
 use crate::scene::bricks::BRICK;
+use crate::scene::capture::{Capture, Frame};
 use crate::scene::grid::LEAF_VOXELS;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -26,6 +28,31 @@ pub struct Cost {
     pub seconds: f64,
 }
 
+/// Sizes of the pictures of a capture.
+#[derive(Debug, Clone, Copy)]
+pub struct PictureSizes {
+    /// Pixels of all pictures.
+    pub pixels: u64,
+    /// Pixels of the largest one.
+    pub largest: u64,
+    /// Number of pictures.
+    pub count: usize,
+}
+
+impl PictureSizes {
+    /// Returns those of a capture.
+    pub fn of(capture: &Capture) -> Self {
+        let of = |frame: &Frame| u64::from(frame.camera.width) * u64::from(frame.camera.height);
+        let largest = capture.frames.iter().map(of).max().unwrap_or(0);
+        Self { pixels: capture.pixels(), largest, count: capture.frames.len() }
+    }
+
+    /// Returns the bytes of the pictures that all threads decode at once.
+    fn decoded(&self) -> f64 {
+        DECODED * self.largest as f64 * self.count.min(rayon::current_num_threads()) as f64
+    }
+}
+
 /// Method by which unknowns are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
@@ -39,25 +66,27 @@ pub enum Method {
     ThroughTransfer,
 }
 
-/// The program and its libraries.
-const BASE: f64 = 48.0 * MB;
+/// The program and its libraries, with what threads and allocators keep.
+const BASE: f64 = 72.0 * MB;
 const MB: f64 = (1_u64 << 20) as f64;
 /// Bytes a pixel: the picture, its optical depth and weight, the samples of the solver, and copies on the way; and of
 /// pictures of which only the transmittances are kept, with what of them the rays of the solver need.
 const PIXEL: f64 = 96.0;
 const PIXEL_OF_DEPTHS: f64 = 24.0;
+/// Bytes a pixel that is kept while the pictures are read: its transmittance, and whether it shows anything.
+const PIXEL_READ: f64 = 6.0;
+/// Bytes a pixel of a picture that is being read: its colors and samples, and the planes by which its noise is judged.
+const DECODED: f64 = 72.0;
 /// Accumulators of several threads take this much together, or are two.
 const ACCUMULATED: f64 = 256.0 * MB;
-/// Seconds that a voxel takes in an iteration, and a ray for each voxel along its way, on one core.
-const VOXEL_SECONDS: f64 = 6e-8;
+/// Seconds that a ray takes for each voxel along its way, on one core.
 const STEP_SECONDS: f64 = 1.6e-8;
 
 impl Cost {
-    /// The cost of the finest level, with the share of the coarser ones in the time. `pixels` are those of all
-    /// pictures, `steps` the iterations or epochs.
-    pub fn new(method: Method, survey: &Survey, request: &Request, pixels: u64, steps: u64) -> Self {
-        let pictures = pixels as f64;
-        let rays = pictures * (request.rays_per_edge * request.rays_per_edge) as f64;
+    /// The cost of a method whose search takes `seconds`. Memory is that of the finest level, or of the pictures that
+    /// are read at once where that is more.
+    pub fn new(method: Method, survey: &Survey, pictures: PictureSizes, seconds: f64) -> Self {
+        let pixels = pictures.pixels as f64;
         let (stored, owned) = ((BRICK * size_of::<f32>()) as f64, (LEAF_VOXELS * size_of::<f32>()) as f64);
         // As many accumulators as fit, a power of two from 2 to 16.
         let accumulators = |each: f64| {
@@ -78,17 +107,13 @@ impl Cost {
             Method::Cg | Method::Descent => 1,
             Method::Color | Method::ThroughTransfer => 4,
         };
-        let walk = rays * survey.longest * STEP_SECONDS * if fields == 1 { 1.0 } else { 2.0 };
-        let pass = walk + survey.unknowns * fields as f64 * VOXEL_SECONDS;
-        // The probes of the confidence are walks of a sixteenth of the pixels; there are at most 64.
-        let seconds = (steps as f64 * pass + 4.0 * walk) / rayon::current_num_threads() as f64;
+        let kept = pixels * if method == Method::Cg { PIXEL_OF_DEPTHS } else { PIXEL };
+        let kept_first = if method == Method::Cg { pixels * PIXEL_READ } else { kept };
+        let (reading, solving) = (kept_first + pictures.decoded(), kept + survey.bricks * brick);
         Self {
             unknowns: (survey.unknowns * f64::from(fields)) as u64,
-            measurements: pixels,
-            memory_mb: (BASE
-                + pictures * if method == Method::Cg { PIXEL_OF_DEPTHS } else { PIXEL }
-                + survey.bricks * brick)
-                / MB,
+            measurements: pictures.pixels,
+            memory_mb: (BASE + reading.max(solving)) / MB,
             seconds,
         }
     }
@@ -135,6 +160,17 @@ impl fmt::Display for Cost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { unknowns, measurements, memory_mb, seconds } = self;
         write!(f, "about {unknowns} unknowns from {measurements} pixels, {memory_mb:.0} MB of memory, ")?;
+        write!(f, "{}", Duration(*seconds))
+    }
+}
+
+/// A time that is expected, in words: in seconds, or in minutes from a minute and a half on.
+#[derive(Debug, Clone, Copy)]
+pub struct Duration(pub f64);
+
+impl fmt::Display for Duration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(seconds) = self;
         if *seconds < 90.0 {
             write!(f, "{:.0} s", seconds.ceil())
         } else {
@@ -152,7 +188,7 @@ mod tests {
     fn the_cost_of_a_function_is_the_sum_of_its_terms() {
         let nothing = Cost::of_function(0, 0, 0, 0.0, 0);
         assert_eq!((nothing.unknowns, nothing.measurements, nothing.seconds), (0, 0, 0.0));
-        assert!((nothing.memory_mb - 48.0).abs() < 1e-9);
+        assert!((nothing.memory_mb - BASE / MB).abs() < 1e-9);
         let threads = rayon::current_num_threads() as f64;
         let of = |texels, voxels, pixels, walked, steps| {
             let cost = Cost::of_function(texels, voxels, pixels, walked, steps);
@@ -167,6 +203,22 @@ mod tests {
         let (memory, seconds) = of(0, 0, 0, 8e6, 12);
         assert!((memory - 1e6).abs() < 1.0, "{memory}");
         assert!((seconds - 20.0 * 12.0 * 8e6 * 1.6e-8).abs() < 1e-9, "{seconds}");
+    }
+
+    /// Pictures that threads decode at once count beside those that are kept, as far as there are so many.
+    #[test]
+    fn pictures_that_are_read_at_once_take_memory() {
+        let survey = Survey { bricks: 8.0, unknowns: 100.0, longest: 8.0 };
+        let of = |largest: u64, count: usize| {
+            let sizes = PictureSizes { pixels: 1 << 20, largest, count };
+            Cost::new(Method::Cg, &survey, sizes, 0.0).memory_mb * MB
+        };
+        let (threads, kept) = (rayon::current_num_threads(), BASE + PIXEL_READ * f64::from(1 << 20));
+        for count in [1, 2, 1000] {
+            let expected = kept + DECODED * 1e9 * count.min(threads) as f64;
+            assert!((of(1_000_000_000, count) - expected).abs() < 1.0, "{count}");
+        }
+        assert_eq!(of(1, 1), of(1000, 1000), "small pictures take less than the search");
     }
 
     #[test]
