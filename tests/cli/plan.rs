@@ -146,7 +146,7 @@ fn a_limit_shortens_paths() {
     );
 }
 
-fn numbers<'v>(plan: &'v Value, pointer: &str) -> Vec<f64> {
+fn numbers(plan: &Value, pointer: &str) -> Vec<f64> {
     plan.pointer(pointer).unwrap().as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
 }
 

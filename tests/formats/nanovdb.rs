@@ -47,7 +47,7 @@ const TILES: [([i32; 3], i32, bool); 4] =
 
 fn scalars() -> Volume {
     let leaf = |origin: [i32; 3]| {
-        let values = Box::new(std::array::from_fn(|i| number(origin, i) as f32 / 8.0));
+        let values = std::array::from_fn(|i| number(origin, i) as f32 / 8.0);
         Leaf { origin, values, active: mask(origin) }
     };
     let tile = |(origin, dim, active)| Tile { origin, dim, value: 3.5, active };
