@@ -1,7 +1,6 @@
 //! `cumulo convert` from VDB to VDB: forms, lattices, vectors and names. Each grid that comes out is held against what its
 //! definition says.
 
-use crate::common::refusal;
 use crate::common::work::{self, Work, density, errors};
 use cumulo::error::Code;
 use cumulo::formats::limits::Limits;
@@ -344,26 +343,4 @@ fn a_grid_that_is_named_twice_counts_once() {
     assert_eq!(grids("convert in.vdb out.nvdb --grid density --grid density"), 1);
     assert_eq!(grids("convert out.nvdb back.vdb --grid density --grid density"), 1);
     work.json("convert in.vdb out.npy --grid density --grid density");
-}
-
-/// An expression is a step of values like others, of grids and of scans.
-#[test]
-fn expressions_are_steps_of_values() {
-    let work = Work::new();
-    let convert = |words: &str, expression: &str| {
-        let out = work.command(words).args(["--eval", expression]).output().unwrap();
-        assert!(out.status.success(), "{}", errors(&out));
-    };
-    work.text("convert @plume.vdb a.vdb --scale 2 --offset 0.5 --threshold 0.6");
-    convert("convert @plume.vdb b.vdb --threshold 0.6", "v * 2 + 0.5");
-    convert("convert @plume.vdb c.vdb --scale 2 --threshold 0.6", "0.5 + v");
-    convert("convert @plume.vdb d.vdb", "(v * 2 + 0.5) * (v * 2 + 0.5 > 0.6)");
-    for other in ["b.vdb", "c.vdb", "d.vdb"] {
-        assert_eq!(work.difference("a.vdb", other)["max_abs"], 0.0, "{other}");
-    }
-    for (expression, named) in [("v +", "v +"), ("w * 2", "'w' is unknown"), ("", "such as")] {
-        let mut command = work.command("convert @plume.vdb no.vdb");
-        refusal::refused(command.args(["--eval", expression]), Code::Usage, &[named]);
-    }
-    assert!(!work.path("no.vdb").exists());
 }

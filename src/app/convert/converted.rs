@@ -25,7 +25,7 @@ pub(super) struct ConvertedGrid {
     pub half_underflow: Option<u64>,
     /// True if the transfer function of `tf` was attached to the grid.
     pub transfer: bool,
-    /// Values after `scale`, `offset`, `eval`, `map` and `threshold`; none without these.
+    /// Values after `scale`, `offset`, `map` and `threshold`; none without these.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub values: Option<Tally>,
 }

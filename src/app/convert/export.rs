@@ -62,7 +62,7 @@ impl ConvertSettings {
         if !self.values.any() && self.images.scan.grid_type.is_none() {
             return Ok((native, Tally::default()));
         }
-        volume::mapped(&native, self.images.scan.grid_type(false), &self.values.mapping()?, self.limits)
+        volume::mapped(&native, self.images.scan.grid_type(false), &self.values.mapping(), self.limits)
     }
 
     /// Name of the grid that becomes an image: that of `grid`, the only one, or the density.

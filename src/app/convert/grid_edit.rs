@@ -98,7 +98,7 @@ impl<'e> GridEdit<'e> {
         Ok(())
     }
 
-    /// Takes the values through the steps of `scale`, `offset`, `eval`, `map` and `threshold`, and to the type of `as`.
+    /// Takes the values through the steps of `scale`, `offset`, `map` and `threshold`, and to the type of `as`.
     pub(crate) fn map(&mut self, to: GridType, mapping: &Mapping) -> Result<()> {
         let left = Limits { max_memory: self.budget.limit.saturating_sub(self.budget.held) };
         let (mapped, tally) = volume::mapped(self.native, to, mapping, left)?;

@@ -156,7 +156,7 @@ impl ConvertSettings {
             edit.info = edit.native.info()?;
         }
         if self.values.any() || self.images.scan.grid_type.is_some() {
-            edit.map(self.images.scan.grid_type(false), &self.values.mapping()?)?;
+            edit.map(self.images.scan.grid_type(false), &self.values.mapping())?;
         }
         edit.hold()?;
         if let Some(repair) = self.repair {

@@ -3,7 +3,6 @@
 use super::report::GridPlace;
 use crate::app::scan::ScanSettings;
 use crate::error::{Error, Result};
-use crate::formats::imaging::expression::Expression;
 use crate::formats::imaging::options::{Options as ReadOptions, RawLayout};
 use crate::formats::imaging::values::{Mapping, Tally};
 use crate::formats::sample::{Endian, Sample};
@@ -37,8 +36,6 @@ pub struct ValueSettings {
     pub scale: Option<f64>,
     /// Number that is added to every value.
     pub offset: Option<f64>,
-    /// Expression of the value `v`, such as `max(v - 0.1, 0) * 2`.
-    pub eval: Option<String>,
     /// Values, ascending, that become 0 and 1; those beyond are clamped.
     pub map: Option<[f64; 2]>,
     /// Value up to which values become background.
@@ -63,23 +60,18 @@ impl ImageSettings {
 
 impl ValueSettings {
     /// Steps as the readers take them.
-    ///
-    /// # Errors
-    /// If the expression is none.
-    pub(crate) fn mapping(&self) -> Result<Mapping> {
-        Ok(Mapping {
+    pub(crate) fn mapping(&self) -> Mapping {
+        Mapping {
             scale: self.scale.unwrap_or(1.0),
             offset: self.offset.unwrap_or(0.0),
-            expression: self.eval.as_deref().map(Expression::parse).transpose()?,
             range: self.map,
             threshold: self.threshold,
-        })
+        }
     }
 
     /// True if there is a step.
     pub(crate) fn any(&self) -> bool {
-        let numbers = self.scale.is_some() || self.offset.is_some() || self.threshold.is_some();
-        numbers || self.eval.is_some() || self.map.is_some()
+        self.scale.is_some() || self.offset.is_some() || self.map.is_some() || self.threshold.is_some()
     }
 }
 

@@ -39,7 +39,7 @@ impl ConvertSettings {
             let settings = Settings {
                 name: &name,
                 grid_type: self.images.scan.grid_type(format.kind.heeds(ReadOption::Axes)),
-                mapping: self.values.mapping()?,
+                mapping: self.values.mapping(),
                 limits: left,
             };
             let (mut native, place) = self.image_to_grid(&mut image, &settings, &stage)?;

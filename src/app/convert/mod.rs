@@ -351,7 +351,6 @@ impl ConvertSettings {
             ("⟨exposure⟩", self.exposure.is_some(), matches!(written, FileKind::Picture(_))),
             ("⟨scale⟩", values.scale.is_some(), grids),
             ("⟨offset⟩", values.offset.is_some(), grids),
-            ("⟨eval⟩", values.eval.is_some(), grids),
             ("⟨map⟩", values.map.is_some(), grids),
             ("⟨threshold⟩", values.threshold.is_some(), grids),
             ("⟨time_point⟩", images.scan.time_point.is_some(), heeds(ReadOption::Time)),

@@ -44,10 +44,6 @@ struct ValueArgs {
     /// Add to every value, after --scale
     #[arg(long, value_name = "OFFSET", value_parser = number, allow_hyphen_values = true)]
     offset: Option<f64>,
-    /// Replace every value v by an expression of it, after --offset: 'max(v - 0.1, 0) * 2', 'v * (v > 0.5)'; a minus sign
-    /// in front binds closest, so that -v^2 is (-v)^2
-    #[arg(long, value_name = "EXPRESSION", allow_hyphen_values = true)]
-    eval: Option<String>,
     /// Map values from LOW to HIGH to 0 to 1, clamped: densities from Hounsfield units, for instance
     #[arg(long, value_name = "LOW,HIGH", value_parser = ascending, allow_hyphen_values = true)]
     map: Option<[f64; 2]>,
@@ -58,8 +54,7 @@ struct ValueArgs {
 
 impl From<ValueArgs> for ValueSettings {
     fn from(args: ValueArgs) -> Self {
-        let ValueArgs { scale, offset, eval, map, threshold } = args;
-        Self { scale, offset, eval, map, threshold }
+        Self { scale: args.scale, offset: args.offset, map: args.map, threshold: args.threshold }
     }
 }
 

@@ -128,7 +128,6 @@ const TABLE: [(&str, &[&str]); 13] = [
             "names",
             "map",
             "threshold",
-            "eval",
             "meters_per_unit",
         ],
     ),

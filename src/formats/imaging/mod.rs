@@ -13,7 +13,6 @@
 
 pub(crate) mod cvol;
 pub(crate) mod dicom;
-pub mod expression;
 mod format;
 pub mod image;
 pub(crate) mod input;

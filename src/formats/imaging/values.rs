@@ -1,17 +1,12 @@
-//! Steps between the values of a file and those of a grid: scale and offset, an expression, a range that becomes 0 to 1,
-//! a threshold.
-
-use super::expression::Expression;
+//! Steps between the values of a file and those of a grid: scale and offset, a range that becomes 0 to 1, a threshold.
 
 /// Steps that every value goes through, in this order. All are of scalars.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mapping {
     /// Factor of the value.
     pub scale: f64,
     /// Offset that is added afterwards.
     pub offset: f64,
-    /// Expression of the value.
-    pub expression: Option<Expression>,
     /// Values that become 0 and 1; what lies outside is clamped.
     pub range: Option<[f64; 2]>,
     /// Values at or below it become 0, the background.
@@ -21,7 +16,7 @@ pub struct Mapping {
 impl Default for Mapping {
     /// No step at all.
     fn default() -> Self {
-        Self { scale: 1.0, offset: 0.0, expression: None, range: None, threshold: None }
+        Self { scale: 1.0, offset: 0.0, range: None, threshold: None }
     }
 }
 
@@ -55,7 +50,7 @@ pub struct Tally {
 impl Mapping {
     /// True if integers stay integers.
     pub(crate) fn keeps_integers(&self) -> bool {
-        self.scale.fract() == 0.0 && self.offset.fract() == 0.0 && self.expression.is_none() && self.range.is_none()
+        self.scale.fract() == 0.0 && self.offset.fract() == 0.0 && self.range.is_none()
     }
 
     /// True if values pass unchanged.
@@ -63,10 +58,9 @@ impl Mapping {
         *self == Self::default()
     }
 
-    /// Value after scale, offset, expression and range. What is NaN stays so.
+    /// Value after scale, offset and range. What is NaN stays so.
     pub fn mapped(&self, value: f64) -> f64 {
         let value = if self.scale == 1.0 && self.offset == 0.0 { value } else { value * self.scale + self.offset };
-        let value = self.expression.as_ref().map_or(value, |expression| expression.of(value));
         match self.range {
             Some([low, high]) => ((value - low) / (high - low)).clamp(0.0, 1.0),
             None => value,
@@ -127,13 +121,7 @@ mod tests {
 
     #[test]
     fn steps_follow_each_other_and_losses_are_counted() {
-        let mapping = Mapping {
-            scale: 2.0,
-            offset: -1000.0,
-            expression: None,
-            range: Some([-1000.0, 1000.0]),
-            threshold: Some(0.25),
-        };
+        let mapping = Mapping { scale: 2.0, offset: -1000.0, range: Some([-1000.0, 1000.0]), threshold: Some(0.25) };
         let mut values = [0.0, 200.0, 250.0, 500.0, 5000.0, -9.0, f64::NAN];
         let mut tally = Tally::default();
         mapping.apply(&mut values, &mut tally);

@@ -27,7 +27,7 @@ pub enum GridType {
 }
 
 /// Settings by which an image becomes a grid.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 pub struct Settings<'s> {
     /// Name of the grid.
     pub name: &'s str,

@@ -4,6 +4,7 @@
 
 #include <openvdb/io/io.h>
 
+#include <cstdlib>
 #include <istream>
 #include <vector>
 
@@ -22,6 +23,18 @@ struct cumulo_vdb_loading {
 };
 
 namespace {
+
+// Bytes that decoding takes beside what it decodes: of all nodes above the leaves, and of a leaf.
+constexpr size_t ROOM_OF_NODES = 2 << 20, ROOM_OF_LEAF = 96 << 10;
+
+// Throws if so much memory is not to be had. Blosc writes through the null pointer that an allocation of its own returns.
+void need(size_t bytes) {
+    void* const room = std::malloc(bytes);
+    if (!room) throw std::bad_alloc();
+    // Not to be left out by the compiler.
+    *static_cast<volatile char*>(room) = 0;
+    std::free(room);
+}
 
 // Frees the values of a leaf; where they are bits, there is nothing to free.
 template <typename LeafT> void release_leaf(void* pointer) {
@@ -42,6 +55,7 @@ void decode(const cumulo_vdb_loading* loading, size_t first, size_t count, const
     io::setStreamMetadataPtr(part.stream, meta);
     const bool half = loading->grid->saveFloatAsHalf();
     for (size_t i = first; i < first + count; ++i) {
+        need(ROOM_OF_LEAF);
         loading->read(loading->leaves[i], part.stream, half);
         each(i);
     }
@@ -62,6 +76,7 @@ int32_t cumulo_vdb_load_begin(const cumulo_vdb_layout* layout, cumulo_vdb_loadin
         GridBase& grid = *loading->grid;
         grid.setSaveFloatAsHalf(layout->half != 0);
 
+        need(ROOM_OF_NODES);
         // What `io::Archive::readGrid` does, up to the buffers.
         Part head(layout->bytes, layout->length);
         std::istream& is = head.stream;
