@@ -54,8 +54,8 @@ struct CapturePlanArgs {
     #[arg(long, value_name = "N,M", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_536))]
     machines: Vec<u32>,
     /// Bandwidth of the network between machines, in Gbit/s
-    #[arg(long, value_name = "GBITS", default_value_t = 25.0, value_parser = parse::positive)]
-    bandwidth: f64,
+    #[arg(long = "bandwidth", value_name = "GBITS", default_value_t = 25.0, value_parser = parse::positive)]
+    network_bandwidth: f64,
     /// Latency of the network between machines, in microseconds
     #[arg(long, value_name = "US", default_value_t = 20.0, value_parser = parse::not_negative)]
     latency: f64,
@@ -66,7 +66,7 @@ struct CapturePlanArgs {
 
 impl From<CapturePlanArgs> for CapturePlanSettings {
     fn from(args: CapturePlanArgs) -> Self {
-        let CapturePlanArgs { machines, bandwidth, latency, delay, .. } = args;
+        let CapturePlanArgs { machines, network_bandwidth: bandwidth, latency, delay, .. } = args;
         Self {
             region: args.region,
             solver: args.solver,

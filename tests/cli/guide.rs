@@ -65,6 +65,9 @@ const OTHERS: &[&str] = &[
     "sudo apt-get install libopenvdb-dev libboost-dev libclang-dev g++",
     "cargo install --path . --locked",
     "usdview smoke.usda",
+    // Of a volume that is too large for a test: `tests/process/scratch.rs` runs such ones.
+    "cumulo render large.vdb --views 64 -o shots --max-memory 2G --scratch /var/tmp",
+    "cumulo reconstruct density shots -o found.vdb --resolution 1024 --max-memory 2G --scratch /var/tmp",
     // `python/tests/test_commands.py` runs it.
     "python3 own_loss.py guess.vdb shots",
     "cargo run --release --example load_and_render -- smoke.vdb view.exr",

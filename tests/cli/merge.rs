@@ -186,17 +186,17 @@ fn an_error_is_reached_by_the_replicates_that_are_asked_for() {
     let mut count = 8;
     for round in 1.. {
         let out =
-            work.command(&format!("merge {parts} -o joined{round}.exr --target-error 0.04 --json")).output().unwrap();
+            work.command(&format!("merge {parts} -o joined{round}.exr --target-error 0.005 --json")).output().unwrap();
         let report: Value = serde_json::from_slice(&out.stdout).unwrap();
         let accuracy = &report["accuracy"]["pictures"][0];
-        assert_eq!(report["accuracy"]["target_error"], 0.04);
+        assert_eq!(report["accuracy"]["target_error"], 0.005);
         let Some(missing) = report["missing"].as_str() else {
             assert_eq!(out.status.code(), Some(0));
             // The picture has corners in which rays hardly meet the medium.
             let doubtful = accuracy["doubtful"].as_array().unwrap();
             assert!(doubtful.iter().all(|blocks| blocks["reason"] == "rare-events"), "{report}");
             assert!(accuracy["certified"].as_u64().unwrap() >= 18, "{report}");
-            assert!(accuracy["error"].as_f64().unwrap() <= 0.04 && round > 1, "{report}");
+            assert!(accuracy["error"].as_f64().unwrap() <= 0.005 && round > 1, "{report}");
             break;
         };
         assert_eq!(out.status.code(), Some(1));

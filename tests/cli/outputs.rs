@@ -140,7 +140,8 @@ fn every_option_with_a_path_is_tried_as_an_output() {
         }
         for arg in command.get_arguments().filter(|arg| !arg.is_positional()) {
             let name = arg.get_long().unwrap_or_default();
-            let takes_path = arg.get_value_parser().type_id() == TypeId::of::<PathBuf>();
+            // A scratch folder gets files without names.
+            let takes_path = arg.get_value_parser().type_id() == TypeId::of::<PathBuf>() && name != "scratch";
             if takes_path || ["sky", "motion", "beside"].contains(&name) {
                 let of_command = |case: &&replaced::Case| case.words.starts_with(&format!("{path} "));
                 let mut cases = replaced::ALL.iter().chain([&replaced::REPORT]).filter(of_command);

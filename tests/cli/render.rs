@@ -536,7 +536,7 @@ fn surfaces_are_shaded_by_a_light_at_the_camera() {
 fn a_level_set_is_rendered_as_the_fog_inside_of_its_surface() {
     let work = Work::new();
     work.text("convert @sphere_level_set.vdb fog.vdb --to fog");
-    for options in ["", "--tf smoke", "--albedo 0.8 --sky 1 --samples 4"] {
+    for options in ["", "--tf viridis", "--albedo 0.8 --sky 1 --samples 4"] {
         let [direct, converted] = [("@sphere_level_set.vdb", "a"), ("fog.vdb", "b")].map(|(input, name)| {
             let output = format!("{name}{}.exr", options.len());
             work.text(&format!("render {input} --views 1 --size 24x24 {options} -o {output}"));

@@ -12,6 +12,11 @@ use std::collections::BTreeMap;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+/// A folder on the disk of the build: temporary ones may be in memory.
+fn scratch() -> tempfile::TempDir {
+    tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
+}
+
 /// Largest memory of a process in MiB: what it has taken for itself, and what was resident at a time, pages of files
 /// among it.
 #[derive(Debug, Clone, Copy, Default)]
@@ -49,11 +54,12 @@ fn a_volume_larger_than_the_memory_renders_to_the_same_bits() {
     let work = Work::new();
     let noise = |p: DVec3| fields::noise((p.x as u64) << 40 | (p.y as u64) << 20 | p.z as u64);
     write(&work, "noise.vdb", &fields::grid(400, fields::unit(), noise));
-    std::fs::create_dir(work.path("scratch")).unwrap();
+    let scratch = scratch();
     let render = "render noise.vdb --views 2 --size 48x48 --density-scale 0.01";
     let whole = peak(&mut work.command(&format!("{render} -o whole")));
     work.refused(&format!("{render} -o none --max-memory 448M"), Code::MemoryLimit, &["noise.vdb", "--scratch"]);
-    let small = peak(&mut work.command(&format!("{render} -o small --max-memory 448M --scratch scratch")));
+    let small =
+        peak(&mut work.command(&format!("{render} -o small --max-memory 448M --scratch {}", scratch.path().display())));
     // Pages of files are mapped faster than any watch sees: they come on top for moments.
     assert!(small.own <= 256 && small.resident <= 640 && whole.own > 512, "{small:?} of {whole:?}");
     let names = std::fs::read_dir(work.path("whole")).unwrap().map(|entry| entry.unwrap().file_name());
@@ -63,7 +69,7 @@ fn a_volume_larger_than_the_memory_renders_to_the_same_bits() {
         let [a, b] = ["whole", "small"].map(|folder| exr::read_picture(&work.path(folder).join(&name), None).unwrap());
         assert!(a.rgba == b.rgba, "{name:?}");
     }
-    assert_eq!(std::fs::read_dir(work.path("scratch")).unwrap().count(), 0);
+    assert_eq!(std::fs::read_dir(scratch.path()).unwrap().count(), 0);
 }
 
 #[test]
@@ -72,7 +78,9 @@ fn a_reconstruction_larger_than_the_memory_has_the_same_bits() {
     work.text("render @plume.vdb --views 6 --size 64x64 -o shots");
     let reconstruct = "reconstruct density shots --resolution 288 --iterations 2 --held-out 2";
     let whole = peak(&mut work.command(&format!("{reconstruct} -o whole.vdb")));
-    let small = peak(&mut work.command(&format!("{reconstruct} -o small.vdb --max-memory 352M --scratch .")));
+    let scratch = scratch();
+    let words = format!("{reconstruct} -o small.vdb --max-memory 352M --scratch {}", scratch.path().display());
+    let small = peak(&mut work.command(&words));
     assert!(small.own <= 256 && small.resident <= 400 && whole.own > 400, "{small:?} of {whole:?}");
     assert_eq!(work.difference("whole.vdb", "small.vdb")["max_abs"], 0.0);
     work.refused(&format!("{reconstruct} -o none.vdb --max-memory 352M"), Code::MemoryLimit, &["--scratch"]);
@@ -129,7 +137,8 @@ fn a_sparse_volume_of_1024_voxels_along_each_axis_is_reconstructed_within_2_gib(
     }
     let work = Work::new();
     write(&work, "knot.vdb", &knot(1024));
-    let memory = "--max-memory 2G --scratch .";
+    let scratch = scratch();
+    let memory = format!("--max-memory 2G --scratch {}", scratch.path().display());
     let run = |words: &str| {
         let begun = Instant::now();
         let peak = peak(&mut work.command(&format!("{words} {memory}")));

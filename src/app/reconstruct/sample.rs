@@ -121,7 +121,8 @@ impl Sample {
         request: &Request,
         settled: bool,
     ) -> Result<Measured> {
-        let fits = (request.max_memory as f64 / (4.0 * (BRICK * 16) as f64)).min(BRICKS);
+        // A block takes the accumulators of two operators, and half as much again.
+        let fits = (request.max_memory as f64 / (16.0 * (BRICK * 16) as f64)).min(BRICKS);
         let coarser = |level: u32| f64::from(1_u32 << level);
         let is_small = |level: &u32| coarser_bricks(placed.survey.bricks, coarser(*level)) <= fits;
         let level = (0..12).find(is_small).unwrap_or(12);

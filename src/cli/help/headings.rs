@@ -16,7 +16,7 @@ const GENERAL: &str = "General";
 
 /// Options under each heading, by their identifiers.
 const TABLE: [(&str, &[&str]); 13] = [
-    (FARMS, &["openjd", "openjd_chunk", "openjd_seconds", "machines", "bandwidth", "latency", "delay"]),
+    (FARMS, &["openjd", "openjd_chunk", "openjd_seconds", "machines", "network_bandwidth", "latency", "delay"]),
     (
         FIGURE,
         &[

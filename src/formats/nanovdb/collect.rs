@@ -65,8 +65,12 @@ fn code(values: &[u8], bits: usize, i: usize) -> f32 {
 }
 
 impl Collector {
-    /// Starts with nothing; `taken` is the number of bytes that the grid's memory occupies beside what is collected.
-    pub(super) fn new(kind: Kind, background: &[u8], limits: Limits, taken: u64) -> Self {
+    /// Starts with nothing; `taken` is the number of bytes that the grid's memory occupies beside what is collected, and
+    /// `leaves` that of the leaves which the grid claims to have, at most.
+    pub(super) fn new(kind: Kind, background: &[u8], limits: Limits, taken: u64, leaves: usize) -> Self {
+        // Leaves that are moved to a larger place are there twice.
+        let fit = limits.max_memory.saturating_sub(taken) / size_of::<Leaf>() as u64;
+        let leaves = leaves.min(usize::try_from(fit).unwrap_or(usize::MAX));
         let tree = match kind {
             Kind::Int16 | Kind::Int32 => {
                 Tree::Integers { background: integer(kind, background, 0), leaves: Vec::new(), tiles: Vec::new() }
@@ -75,7 +79,10 @@ impl Collector {
                 let background = std::array::from_fn(|c| component(kind, background, c));
                 Tree::Vectors { background, leaves: Vec::new(), tiles: Vec::new() }
             }
-            _ => Tree::Scalars { background: scalar(kind, background, 0), leaves: Vec::new(), tiles: Vec::new() },
+            _ => {
+                let background = scalar(kind, background, 0);
+                Tree::Scalars { background, leaves: Vec::with_capacity(leaves), tiles: Vec::new() }
+            }
         };
         Self { kind, tree, background: background.to_vec(), limits, held: taken, leaves: 0 }
     }

@@ -37,8 +37,11 @@ pub(super) fn volume(memory: Bytes, name: &str, kind: Kind, class: GridClass, li
         .ok_or_else(|| Error::invalid("the root lies outside the grid").hint(DAMAGED))?;
     let background =
         memory.slice(root.saturating_add(kind.root_background() as u64), kind.value().0, "the background")?;
-    let mut walk =
-        Walk { memory, kind, walked: 0, collector: Collector::new(kind, background, limits, memory.0.len() as u64) };
+    let claimed = memory.u32(tree + layout::TREE_LEAVES, "the number of leaves")? as usize;
+    let taken = memory.0.len();
+    let leaves = claimed.min(taken / (kind.leaf_values() + kind.leaf_value_bytes(0)));
+    let collector = Collector::new(kind, background, limits, taken as u64, leaves);
+    let mut walk = Walk { memory, kind, walked: 0, collector };
     walk.root(root)?;
     let tree = walk.collector.finish();
     let texts = texts::read(memory, &KEPT).unwrap_or_else(|e| {

@@ -207,6 +207,8 @@ pub(super) const GRID_TEXTS: u64 = 640;
 pub(super) const GRID_TEXT_COUNT: u64 = 648;
 /// Bytes of the header of a tree, which follows that of the grid.
 pub(super) const TREE: usize = 64;
+/// Offset of the number of leaves in the header of a tree.
+pub(super) const TREE_LEAVES: u64 = 32;
 /// Offset of the number of active voxels in the header of a tree.
 pub(super) const TREE_VOXELS: u64 = 56;
 /// Offset of the number of tiles in the root.
