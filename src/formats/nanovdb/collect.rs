@@ -66,11 +66,16 @@ fn code(values: &[u8], bits: usize, i: usize) -> f32 {
 
 impl Collector {
     /// Starts with nothing; `taken` is the number of bytes that the grid's memory occupies beside what is collected, and
-    /// `leaves` that of the leaves which the grid claims to have, at most.
-    pub(super) fn new(kind: Kind, background: &[u8], limits: Limits, taken: u64, leaves: usize) -> Self {
-        // Leaves that are moved to a larger place are there twice.
-        let fit = limits.max_memory.saturating_sub(taken) / size_of::<Leaf>() as u64;
-        let leaves = leaves.min(usize::try_from(fit).unwrap_or(usize::MAX));
+    /// `leaves` that of the leaves which the grid claims to have.
+    ///
+    /// # Errors
+    /// If so many leaves exceed the limits.
+    pub(super) fn new(kind: Kind, background: &[u8], limits: Limits, taken: u64, leaves: usize) -> Result<Self> {
+        // All at once: leaves that are moved to a larger place are there twice.
+        let needed = taken.saturating_add(leaves as u64 * size_of::<Leaf>() as u64);
+        if needed > limits.max_memory {
+            return Err(limits.exceeded(needed, leaves as u64));
+        }
         let tree = match kind {
             Kind::Int16 | Kind::Int32 => {
                 Tree::Integers { background: integer(kind, background, 0), leaves: Vec::new(), tiles: Vec::new() }
@@ -84,7 +89,7 @@ impl Collector {
                 Tree::Scalars { background, leaves: Vec::with_capacity(leaves), tiles: Vec::new() }
             }
         };
-        Self { kind, tree, background: background.to_vec(), limits, held: taken, leaves: 0 }
+        Ok(Self { kind, tree, background: background.to_vec(), limits, held: taken, leaves: 0 })
     }
 
     fn hold(&mut self, bytes: usize) -> Result<()> {
@@ -147,15 +152,16 @@ impl Collector {
     pub(super) fn finish(mut self) -> Tree {
         match &mut self.tree {
             Tree::Scalars { leaves, tiles, .. } => {
-                leaves.sort_by_key(|l| l.origin);
+                // In place: leaves hold their values, and no two are at one origin.
+                leaves.sort_unstable_by_key(|l| l.origin);
                 tiles.sort_by_key(|t| t.origin);
             }
             Tree::Vectors { leaves, tiles, .. } => {
-                leaves.sort_by_key(|l| l.origin);
+                leaves.sort_unstable_by_key(|l| l.origin);
                 tiles.sort_by_key(|t| t.origin);
             }
             Tree::Integers { leaves, tiles, .. } => {
-                leaves.sort_by_key(|l| l.origin);
+                leaves.sort_unstable_by_key(|l| l.origin);
                 tiles.sort_by_key(|t| t.origin);
             }
         }

@@ -40,7 +40,7 @@ pub(super) fn volume(memory: Bytes, name: &str, kind: Kind, class: GridClass, li
     let claimed = memory.u32(tree + layout::TREE_LEAVES, "the number of leaves")? as usize;
     let taken = memory.0.len();
     let leaves = claimed.min(taken / (kind.leaf_values() + kind.leaf_value_bytes(0)));
-    let collector = Collector::new(kind, background, limits, taken as u64, leaves);
+    let collector = Collector::new(kind, background, limits, taken as u64, leaves)?;
     let mut walk = Walk { memory, kind, walked: 0, collector };
     walk.root(root)?;
     let tree = walk.collector.finish();
