@@ -464,7 +464,7 @@ def test_animations_are_exported_frame_by_frame(addon, fixtures, tmp_path):
     smoke_scene.orbit(scene, (1, 2, 3))
     package = addon()
     job = working(package, lambda: package.export.ExportScene.steps(job, bpy.context))
-    job.folder, job.animation, window = str(tmp_path / "it's here"), True, Window()
+    job.folder, job.animation, job.ignore, window = str(tmp_path / "it's here"), True, False, Window()
     job.start(window)
     for frame in (1, 2, 3):
         assert job.modal(window, event("TIMER")) == {"PASS_THROUGH"}
