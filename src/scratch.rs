@@ -1,7 +1,7 @@
 //! Large arrays in files of a scratch folder, for work that needs more memory than the process may take.
 //!
-//! [`Allocator`](crate::process::Allocator) asks here for arrays that exceed the heap's share of the memory. Each gets a
-//! file without a name, which is mapped into the process: the system reads and writes its pages as they are used. A
+//! [`Allocator`](crate::process::Allocator) asks here for arrays that exceed the heap's share of the memory. Each gets
+//! a file without a name, which is mapped into the process: the system reads and writes its pages as they are used. A
 //! watch drops pages from the process before all of it exceeds its memory; their content stays in the system's cache,
 //! which the system writes to the file where it needs the room. The system maps pages faster than any watch sees, so
 //! that they may exceed a small memory for milliseconds; it takes them back whenever it needs them. Programs need not

@@ -386,7 +386,12 @@ fn run(mut arguments: Arguments) -> Result<u8> {
     let output = Output::new(&arguments.global, &arguments.path);
     let (version, threads) = (version::text(), rayon::current_num_threads());
     output.detail(format!("cumulo {version}: {threads} threads, {} of memory at most", crate::text::bytes(memory)));
-    let Some(folder) = &arguments.global.scratch else { return command.run(&output).map_err(larger) };
+    let Some(folder) = &arguments.global.scratch else {
+        let first = arguments.path.split(' ').next().unwrap_or_default();
+        // What others need is in trees of OpenVDB and in pictures, which no scratch folder holds.
+        let helps = ["render", "reconstruct"].contains(&first);
+        return command.run(&output).map_err(|error| if helps { larger(error) } else { error });
+    };
     let room = scratch::begin(folder, memory)?;
     output.detail(format!("room for {} of arrays in {}", crate::text::bytes(room), folder.display()));
     command.widen(room);

@@ -65,8 +65,8 @@ fn code(values: &[u8], bits: usize, i: usize) -> f32 {
 }
 
 impl Collector {
-    /// Starts with nothing; `taken` is the number of bytes that the grid's memory occupies beside what is collected, and
-    /// `leaves` that of the leaves which the grid claims to have.
+    /// Starts with nothing; `taken` is the number of bytes that the grid's memory occupies beside what is collected,
+    /// and `leaves` that of the leaves which the grid claims to have.
     ///
     /// # Errors
     /// If so many leaves exceed the limits.

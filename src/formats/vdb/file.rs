@@ -187,8 +187,8 @@ impl File {
     }
 
     /// Loads the grid of the density: the named one, else `density`, else the only float or double grid that is no
-    /// confidence grid. A level set is loaded as the fog volume inside of its surface: densities are 0 outside, and rise
-    /// from 0 on the surface to 1 where the narrow band ends inside (OpenVDB's `sdfToFogVolume`).
+    /// confidence grid. A level set is loaded as the fog volume inside of its surface: densities are 0 outside, and
+    /// rise from 0 on the surface to 1 where the narrow band ends inside (OpenVDB's `sdfToFogVolume`).
     ///
     /// # Errors
     /// If there is no such grid or more than one (the error lists the grids), if it is a staggered grid, or if
