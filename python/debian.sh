@@ -26,6 +26,11 @@ unshare --mount --fork bash -euo pipefail -c '
     mount --bind "${CARGO_HOME:-$HOME/.cargo}" "$root/root/.cargo"
     mount --bind "${RUSTUP_HOME:-$HOME/.rustup}" "$root/root/.rustup"
     mount -t proc proc "$root/proc"
+    # The certificates that this machine trusts may be more than those of the release.
+    certificates=/etc/ssl/certs/ca-certificates.crt
+    [ ! -f "$certificates" ] || mount --bind --read-only "$certificates" "$root$certificates"
+    # What cargo installs there runs with the libraries of that release, and must not replace programs of this machine.
     exec chroot "$root" env -u CARGO_HOME -u RUSTUP_HOME -u CUMULO -u CARGO_TARGET_DIR HOME=/root \
-        PATH=/root/.cargo/bin:/usr/sbin:/usr/bin:/sbin:/bin make -C /build deb DEBIAN='
+        CARGO_INSTALL_ROOT=/root/tools PATH=/root/tools/bin:/root/.cargo/bin:/usr/sbin:/usr/bin:/sbin:/bin \
+        make -C /build deb DEBIAN='
 install -m 644 "$root"/build/target/debian/cumulo_*.deb target/debian/

@@ -38,6 +38,13 @@ struct JobArgs {
         value_parser = clap::value_parser!(u32).range(1..=1_000_000),
     )]
     openjd_seconds: u32,
+    /// Compare what the job makes with this picture, sequence or folder of pictures, by a last step that fails if they
+    /// differ
+    #[arg(long, value_name = "B", requires = "openjd")]
+    openjd_reference: Option<PathBuf>,
+    /// Largest absolute difference from --openjd-reference that still counts as agreement
+    #[arg(long, value_name = "T", requires = "openjd_reference", default_value_t = JobSettings::default().tolerance)]
+    openjd_tolerance: f64,
 }
 
 /// Use case, and the job that is to do its work if one is asked for.
@@ -88,11 +95,19 @@ impl<S: Args> FromArgMatches for OrJob<S> {
     }
 
     fn from_arg_matches_mut(matches: &mut ArgMatches) -> Result<Self, clap::Error> {
-        let JobArgs { openjd, openjd_chunk, openjd_seconds } = JobArgs::from_arg_matches(matches)?;
+        let JobArgs { openjd, openjd_chunk, openjd_seconds, openjd_reference, openjd_tolerance } =
+            JobArgs::from_arg_matches(matches)?;
         let shown = S::augment_args(Command::new("cumulo"));
         let overwrite = matches.try_get_one::<bool>("overwrite").ok().flatten() == Some(&true);
         let job = openjd.map(|output| {
-            let settings = JobSettings { output, overwrite, chunk: openjd_chunk, seconds: openjd_seconds };
+            let settings = JobSettings {
+                output,
+                overwrite,
+                chunk: openjd_chunk,
+                seconds: openjd_seconds,
+                reference: openjd_reference,
+                tolerance: openjd_tolerance,
+            };
             let usage = |e: Error| clap::Error::raw(ErrorKind::InvalidUtf8, format!("{e}\n"));
             arguments(&shown, matches).map(|arguments| Job { settings, arguments }).map_err(usage)
         });

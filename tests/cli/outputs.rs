@@ -140,8 +140,10 @@ fn every_option_with_a_path_is_tried_as_an_output() {
         }
         for arg in command.get_arguments().filter(|arg| !arg.is_positional()) {
             let name = arg.get_long().unwrap_or_default();
-            // A scratch folder gets files without names.
-            let takes_path = arg.get_value_parser().type_id() == TypeId::of::<PathBuf>() && name != "scratch";
+            // A scratch folder gets files without names, and jobs that reconstruct refuse pictures to compare with.
+            let refused = name == "openjd-reference" && path.starts_with("reconstruct");
+            let takes_path =
+                arg.get_value_parser().type_id() == TypeId::of::<PathBuf>() && name != "scratch" && !refused;
             if takes_path || ["sky", "motion", "beside"].contains(&name) {
                 let of_command = |case: &&replaced::Case| case.words.starts_with(&format!("{path} "));
                 let mut cases = replaced::ALL.iter().chain([&replaced::REPORT]).filter(of_command);

@@ -52,13 +52,13 @@ pub const ALL: [Case; 46] = [
         &["out/view_000.exr", "out/transforms.json"],
     ),
     case(
-        "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --size 4x4 --overwrite -o out/x --openjd out/job",
-        &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json"],
+        "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --size 4x4 --overwrite -o out/x --openjd out/job --openjd-reference in/cap",
+        &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json", "in/cap/view_001.exr"],
         &["out/job/template.json", "out/job/parameters.json", "out/job/asset_references.json"],
     ),
     case(
-        "denoise in/cap/view_%03d.exr -o out/q_%03d.exr --overwrite --openjd out/job",
-        &["in/cap/view_001.exr"],
+        "denoise in/cap/view_%03d.exr -o out/q_%03d.exr --overwrite --openjd out/job --openjd-reference in/bright",
+        &["in/cap/view_001.exr", "in/bright/view_003.exr"],
         &["out/job/template.json", "out/job/parameter_values.json"],
     ),
     case(

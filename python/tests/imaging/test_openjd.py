@@ -34,14 +34,14 @@ class Shop:
         assert check.returncode == 0, check.stdout + check.stderr
         return json.loads(template.read_text())
 
-    def job(self, *words, name="job"):
+    def job(self, *words, name="job", fails=False):
         folder = self.folder / name
         command = [OPENJD, "run", folder / "template.json", "-p", f"file://{folder / 'parameters.json'}"]
         # A session has a folder of its own: no path may be relative to this one.
         out = subprocess.run(
             [*command, "-p", f"Cumulo={self.program}", *words], cwd="/", capture_output=True, text=True
         )
-        assert out.returncode == 0, out.stdout + out.stderr
+        assert (out.returncode != 0) == fails, out.stdout + out.stderr
         return out.stdout + out.stderr
 
     def same(self, a, b):
@@ -155,6 +155,22 @@ def test_replicates_of_a_still_are_merged(shop):
     shop.job("--step", "Merge", "--run-dependencies")
     shop.run(f"{words} whole.exr")
     shop.same("out.exr", "whole.exr")
+
+
+def test_the_last_step_compares(shop):
+    words = f"render smoke.vdb --views 1 {LIT} -o"
+    shop.run(f"{words} whole --frames 1-5")
+    compared = f"--frames 1-3 --openjd-reference {shop.folder / 'whole'} --openjd-tolerance"
+    template = shop.bundle(f"{words} out {compared} 1e-9")
+    assert [step["name"] for step in template["steps"]] == ["Render", "Compare"]
+    assert template["steps"][1]["dependencies"] == [{"dependsOn": "Render"}]
+    shop.job("--step", "Compare", "--run-dependencies")
+    # Other random numbers are another picture.
+    for tolerance, fails in [(1e-3, True), (1e3, False)]:
+        name = f"job{tolerance}"
+        shop.bundle(f"{words} other --seed 7 {compared} {tolerance}", name)
+        log = shop.job("--step", "Compare", "--run-dependencies", name=name, fails=fails)
+        assert ("differ" in log) == fails
 
 
 def test_a_reconstruction_is_one_task(shop):

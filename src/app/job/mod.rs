@@ -18,12 +18,14 @@ use crate::app::Context;
 use crate::app::use_case::Report;
 use crate::error::{Code, Error, Result};
 use crate::formats::atomic::Batch;
+use crate::formats::limits::Limits;
 use crate::formats::protected;
 use crate::text::shell_quoted;
 use parameters::Parameters;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use steps::{Builder, Tasks};
@@ -42,11 +44,16 @@ pub(crate) struct JobSettings {
     pub chunk: Option<u32>,
     /// Seconds that a task is to take.
     pub seconds: u32,
+    /// Picture, sequence or folder of pictures that a last step compares the result with; none for no such step.
+    #[serde(with = "crate::app::paths")]
+    pub reference: Option<PathBuf>,
+    /// Largest absolute difference from the reference that still counts as agreement.
+    pub tolerance: f64,
 }
 
 impl Default for JobSettings {
     fn default() -> Self {
-        Self { output: PathBuf::new(), overwrite: false, chunk: None, seconds: 600 }
+        Self { output: PathBuf::new(), overwrite: false, chunk: None, seconds: 600, reference: None, tolerance: 0.0 }
     }
 }
 
@@ -129,7 +136,9 @@ impl JobSettings {
     /// # Errors
     /// If the work cannot be cut into tasks, another bundle lies in the folder, or it cannot be written.
     pub(crate) fn run(&self, line: &CommandLine, case: &impl Divisible, context: &Context) -> Result<JobReport> {
-        let _inputs = inputs::protect(case.inputs(), case.limits());
+        let read: Vec<&Path> = case.inputs().into_iter().chain(self.reference.as_deref()).collect();
+        let _inputs = inputs::protect(read.iter().copied(), case.limits());
+        self.check_reference(line, case.limits())?;
         let all = [TEMPLATE, VALUES, SUBMITTED_VALUES, ASSETS].map(|name| self.output.join(name));
         all.iter().try_for_each(|path| protected::check(path))?;
         let work = case.work(context)?;
@@ -147,7 +156,12 @@ impl JobSettings {
             self.chunk.or(seconds_each.map(|each| fitting(each) as u32)).unwrap_or(1).clamp(1, most.max(1) as u32);
         let mut parameters = Parameters::default();
         let tasks = Tasks { count, seconds: self.seconds, memory: case.memory(), resume: case.resumes() };
-        let steps = Builder { parameters: &mut parameters, tasks }.steps(line, &work)?;
+        let mut builder = Builder { parameters: &mut parameters, tasks };
+        let mut steps = builder.steps(line, &work)?;
+        if let Some(reference) = &self.reference {
+            let compare = builder.compare(line, reference, self.tolerance, steps.last())?;
+            steps.push(compare);
+        }
         let name = name_of(line);
         let reports = steps.iter().map(|step| StepReport::of(step, &parameters, count)).collect();
         let chunked = |step: &Step| {
@@ -163,9 +177,32 @@ impl JobSettings {
             parameter_definitions: parameters.definitions,
             steps,
         };
-        let files = case.inputs().into_iter().flat_map(|path| inputs::files(path, case.limits())).collect();
+        let files = read.into_iter().flat_map(|path| inputs::files(path, case.limits())).collect();
         self.write(&template, &parameters.paths, files)?;
         Ok(JobReport { bundle: self.output.clone(), name, steps: reports, seconds_each })
+    }
+
+    /// Checks that there are reference pictures where a step is to compare with them, and that pictures are made.
+    ///
+    /// # Errors
+    /// If not.
+    fn check_reference(&self, line: &CommandLine, limits: Limits) -> Result<()> {
+        let Some(reference) = &self.reference else { return Ok(()) };
+        let ending = line.output().and_then(Path::extension).and_then(OsStr::to_str).unwrap_or_default();
+        if ["vdb", "nvdb", "json"].contains(&ending) {
+            return Err(Error::unsupported(format!("a job compares pictures, and this one makes a .{ending}"))
+                .hint("leave out ⟨openjd_reference⟩, and compare volumes by `cumulo diff` when the job is done"));
+        }
+        if !inputs::files(reference, limits).iter().any(|path| path.is_file()) {
+            return Err(Error::invalid("there are no pictures to compare with")
+                .at(reference)
+                .hint("give a picture, a sequence such as 'frames/frame.####.exr', or a folder of pictures"));
+        }
+        if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) {
+            return Err(Error::invalid(format!("a tolerance of {} cannot be used", self.tolerance))
+                .hint("give a finite number from 0 up"));
+        }
+        Ok(())
     }
 
     /// Writes the files of a bundle, all or none.

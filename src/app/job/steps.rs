@@ -8,6 +8,7 @@ use super::template::{
 };
 use super::work::{Work, range_of};
 use crate::error::{Error, Result};
+use crate::formats::sequence::Pattern;
 use std::path::Path;
 
 /// Seconds between the signal that stops a task and its end by force.
@@ -136,6 +137,34 @@ impl Builder<'_> {
                 .collect();
         merge.dependencies.push(Dependency { depends_on: render.name.clone() });
         Ok(vec![render, merge])
+    }
+
+    /// Returns the step that compares what a command has written with reference pictures when the last step is done.
+    ///
+    /// # Errors
+    /// If a path cannot stand in a template, or the command writes nothing.
+    pub(super) fn compare(
+        &mut self,
+        command: &CommandLine,
+        reference: &Path,
+        tolerance: f64,
+        last: Option<&Step>,
+    ) -> Result<Step> {
+        let placed =
+            |setting: &str, piece| Argument { setting: setting.into(), option: None, values: vec![vec![piece]] };
+        let mut arguments = vec![
+            placed("output", Piece::Reference(self.output(command)?)),
+            placed("reference", Piece::Input(reference.to_owned())),
+            Argument::option("tolerance", &tolerance.to_string()),
+        ];
+        // The reference of a sequence may have more frames.
+        let is_picture = |path: &Path| Pattern::parse(path).is_none() && path.extension().is_some_and(|e| e == "exr");
+        if !command.output().is_some_and(is_picture) {
+            arguments.extend(command.arguments.iter().filter(|argument| argument.setting == "frames").cloned());
+        }
+        let mut step = self.step("Compare", &CommandLine { command: "compare".into(), arguments }, None)?;
+        step.dependencies.extend(last.map(|last| Dependency { depends_on: last.name.clone() }));
+        Ok(step)
     }
 
     /// Returns the reference to the output of a command.

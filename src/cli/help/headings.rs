@@ -16,7 +16,20 @@ const GENERAL: &str = "General";
 
 /// Options under each heading, by their identifiers.
 const TABLE: [(&str, &[&str]); 13] = [
-    (FARMS, &["openjd", "openjd_chunk", "openjd_seconds", "machines", "network_bandwidth", "latency", "delay"]),
+    (
+        FARMS,
+        &[
+            "openjd",
+            "openjd_chunk",
+            "openjd_seconds",
+            "openjd_reference",
+            "openjd_tolerance",
+            "machines",
+            "network_bandwidth",
+            "latency",
+            "delay",
+        ],
+    ),
     (
         FIGURE,
         &[
