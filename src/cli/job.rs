@@ -43,7 +43,13 @@ struct JobArgs {
     #[arg(long, value_name = "B", requires = "openjd")]
     openjd_reference: Option<PathBuf>,
     /// Largest absolute difference from --openjd-reference that still counts as agreement
-    #[arg(long, value_name = "T", requires = "openjd_reference", default_value_t = JobSettings::default().tolerance)]
+    #[arg(
+        long,
+        value_name = "T",
+        requires = "openjd_reference",
+        default_value_t = JobSettings::default().tolerance,
+        value_parser = parse::not_negative,
+    )]
     openjd_tolerance: f64,
 }
 

@@ -88,12 +88,25 @@ fn a_bundle_states_its_parts() {
     assert!(estimated["seconds_each"].is_number() && estimated["steps"][0]["chunk"] == 8, "{estimated}");
     let words = "render @plume.vdb --frames 1-4 --views 1 --albedo 0.9 --time 5s -o out --openjd no";
     work.refused(words, Code::Invalid, &["--time", "--target-error"]);
-    let reference = "--openjd no --openjd-reference none.exr";
-    work.refused(&format!("render @plume.vdb --views 2 --size 8x8 -o out {reference}"), Code::Invalid, &["none.exr"]);
-    let words = "render @plume.vdb --views 2 --size 8x8 -o out --openjd no --openjd-reference @plume.vdb";
-    work.refused(&format!("{words} --openjd-tolerance=-1"), Code::Invalid, &["tolerance of -1"]);
-    work.json("render @plume.vdb --views 4 --size 8x8 -o shots");
-    let words = "reconstruct density shots -o found.vdb --openjd no --openjd-reference @plume.vdb";
-    work.refused(words, Code::Unsupported, &["--openjd-reference", "cumulo diff"]);
     work.refused("render @plume.vdb --views 2 -o out{{x}} --openjd no", Code::Unsupported, &["'{{'"]);
+}
+
+/// A reference that no task could compare with is told of before the job is sent.
+#[test]
+fn references_of_a_job_are_pictures_of_its_kind() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 4 --size 8x8 -o shots");
+    let refused = |words: &str, reference: &str, code, facts: &[&str]| {
+        work.refused(&format!("{words} --openjd no --openjd-reference {reference}"), code, facts);
+        assert!(!work.path("no").exists());
+    };
+    let views = "render @plume.vdb --views 2 --size 8x8 -o out";
+    for reference in ["none.exr", "none", "none.####.exr", "@plume.vdb"] {
+        refused(views, reference, Code::Invalid, &["no OpenEXR pictures"]);
+    }
+    refused(views, "shots/view_000.exr", Code::Invalid, &["makes several", "view_000.exr"]);
+    refused(&views.replace("2 --size", "1 --size").replace("out", "one.exr"), "shots", Code::Invalid, &["makes one"]);
+    refused(views, "shots --openjd-tolerance=-1", Code::Usage, &["--openjd-tolerance", "negative"]);
+    let density = "reconstruct density shots -o found.vdb";
+    refused(density, "shots", Code::Unsupported, &["--openjd-reference", "cumulo diff"]);
 }

@@ -161,16 +161,39 @@ def test_the_last_step_compares(shop):
     words = f"render smoke.vdb --views 1 {LIT} -o"
     shop.run(f"{words} whole --frames 1-5")
     compared = f"--frames 1-3 --openjd-reference {shop.folder / 'whole'} --openjd-tolerance"
-    template = shop.bundle(f"{words} out {compared} 1e-9")
+    template = shop.bundle(f"{words} out {compared} 0")
     assert [step["name"] for step in template["steps"]] == ["Render", "Compare"]
     assert template["steps"][1]["dependencies"] == [{"dependsOn": "Render"}]
-    shop.job("--step", "Compare", "--run-dependencies")
+    # The frames may be changed when the job is submitted.
+    shop.job("--step", "Compare", "--run-dependencies", "-p", "Frames=2-3")
+    assert {path.name for path in shop.folder.glob("out/*.exr")} == {"frame.0002.exr", "frame.0003.exr"}
     # Other random numbers are another picture.
     for tolerance, fails in [(1e-3, True), (1e3, False)]:
         name = f"job{tolerance}"
         shop.bundle(f"{words} other --seed 7 {compared} {tolerance}", name)
         log = shop.job("--step", "Compare", "--run-dependencies", name=name, fails=fails)
         assert ("differ" in log) == fails
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "render smoke.vdb --views 5 --view 1-2 --size 8x8 -o {}",
+        "render smoke.vdb --views 1 --frames 1-5x2 --size 8x8 -o {}",
+        f"render s.####.vdb --views 1 {LIT} --denoise -o {{}}",
+        f"render smoke.vdb --views 1 --replicates 0-3 {LIT} -o {{}}.exr",
+        "denoise noisy/frame.####.exr --chunk 2 -o {}/f.####.exr",
+        "denoise noisy/frame.####.exr --frames 1-2 -o {}/f.####.exr",
+    ],
+)
+def test_every_kind_of_work_is_compared_with_what_may_have_more(shop, words):
+    shop.run(f"render smoke.vdb --views 1 --frames 1-3 {LIT} -o noisy")
+    # The reference of views and frames has all of them.
+    shop.run(words.format("whole").replace("--view 1-2 ", "").replace("1-5x2", "1-5"))
+    reference = words.format("whole").split()[-1]
+    template = shop.bundle(f"{words.format('out')} --openjd-reference {reference}")
+    assert template["steps"][-1]["dependencies"] == [{"dependsOn": template["steps"][-2]["name"]}]
+    shop.job("--step", "Compare", "--run-dependencies")
 
 
 def test_a_reconstruction_is_one_task(shop):

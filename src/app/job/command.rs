@@ -1,5 +1,6 @@
 //! Command lines whose words a job fills in.
 
+use crate::formats::sequence::Pattern;
 use std::path::{Path, PathBuf};
 
 /// Command line of the program.
@@ -75,9 +76,19 @@ impl CommandLine {
         })
     }
 
+    /// True if one picture is written, by its name, and no sequence or folder of pictures.
+    pub(super) fn writes_one_picture(&self) -> bool {
+        self.output().is_some_and(|path| is_exr(path) && Pattern::parse(path).is_none())
+    }
+
     /// Returns the command line with its output at a reference.
     #[must_use]
     pub(super) fn writing(self, reference: &str) -> Self {
         self.with(Argument::option("output", reference))
     }
+}
+
+/// True if the name of a file is that of an OpenEXR picture.
+pub(super) fn is_exr(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
 }

@@ -13,7 +13,7 @@ mod work;
 pub(crate) use command::{Argument, CommandLine, Piece, Value};
 pub(crate) use work::{Divisible, Work};
 
-use super::inputs;
+use super::{inputs, sequence};
 use crate::app::Context;
 use crate::app::use_case::Report;
 use crate::error::{Code, Error, Result};
@@ -21,6 +21,7 @@ use crate::formats::atomic::Batch;
 use crate::formats::limits::Limits;
 use crate::formats::protected;
 use crate::text::shell_quoted;
+use command::is_exr;
 use parameters::Parameters;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
@@ -29,7 +30,7 @@ use std::ffi::OsStr;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use steps::{Builder, Tasks};
-use template::{Extension, Specification, Step, TaskParameter, Template};
+use template::{Dependency, Extension, Specification, Step, TaskParameter, Template};
 
 /// Settings of a job bundle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -159,7 +160,8 @@ impl JobSettings {
         let mut builder = Builder { parameters: &mut parameters, tasks };
         let mut steps = builder.steps(line, &work)?;
         if let Some(reference) = &self.reference {
-            let compare = builder.compare(line, reference, self.tolerance, steps.last())?;
+            let mut compare = builder.compare(line, &work, reference, self.tolerance)?;
+            compare.dependencies.extend(steps.last().map(|last| Dependency { depends_on: last.name.clone() }));
             steps.push(compare);
         }
         let name = name_of(line);
@@ -182,7 +184,8 @@ impl JobSettings {
         Ok(JobReport { bundle: self.output.clone(), name, steps: reports, seconds_each })
     }
 
-    /// Checks that there are reference pictures where a step is to compare with them, and that pictures are made.
+    /// Checks that pictures are made where a step is to compare them, and that there are as many to compare with: one,
+    /// or several.
     ///
     /// # Errors
     /// If not.
@@ -193,16 +196,16 @@ impl JobSettings {
             return Err(Error::unsupported(format!("a job compares pictures, and this one makes a .{ending}"))
                 .hint("leave out ⟨openjd_reference⟩, and compare volumes by `cumulo diff` when the job is done"));
         }
-        if !inputs::files(reference, limits).iter().any(|path| path.is_file()) {
-            return Err(Error::invalid("there are no pictures to compare with")
-                .at(reference)
-                .hint("give a picture, a sequence such as 'frames/frame.####.exr', or a folder of pictures"));
-        }
-        if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) {
-            return Err(Error::invalid(format!("a tolerance of {} cannot be used", self.tolerance))
-                .hint("give a finite number from 0 up"));
-        }
-        Ok(())
+        let is_one = sequence::pattern(reference).is_none() && !reference.is_dir();
+        let (found, expected) = match (is_one, line.writes_one_picture()) {
+            _ if !inputs::files(reference, limits).iter().any(|path| path.is_file() && is_exr(path)) => {
+                ("there are no OpenEXR pictures to compare with", "give those of an earlier run")
+            }
+            (true, false) => ("this is one picture, and the job makes several", "give a sequence or a folder of them"),
+            (false, true) => ("these are several pictures, and the job makes one", "give one picture"),
+            _ => return Ok(()),
+        };
+        Err(Error::invalid(found).at(reference).hint(expected))
     }
 
     /// Writes the files of a bundle, all or none.

@@ -8,7 +8,7 @@ use super::template::{
 };
 use super::work::{Work, range_of};
 use crate::error::{Error, Result};
-use crate::formats::sequence::Pattern;
+use crate::formats::sequence::Frames;
 use std::path::Path;
 
 /// Seconds between the signal that stops a task and its end by force.
@@ -51,16 +51,7 @@ impl Builder<'_> {
             Work::Frames(numbers) => vec![self.chunked(&name, resumed, ("frames", "Frame", "Frames"), numbers)?],
             Work::Views(numbers) => vec![self.chunked(&name, resumed, ("view", "View", "Views"), numbers)?],
             Work::Denoised { numbers, planes } => self.denoised(&resumed, numbers, planes)?,
-            Work::Ranges(ranges) => {
-                if ranges.len() > MOST_LISTED {
-                    return Err(Error::invalid(format!("{} chunks are more than a job has tasks", ranges.len()))
-                        .hint("give a larger ⟨chunk⟩"));
-                }
-                let range = ranges.iter().map(ToString::to_string).collect();
-                let tasks = TaskParameter::Texts { name: "Frames".into(), range };
-                let one = resumed.with(Argument::option("frames", "{{Task.Param.Frames}}"));
-                vec![self.step(&name, &one, Some(tasks))?]
-            }
+            Work::Ranges(ranges) => vec![self.ranged(&name, resumed, ranges)?],
             Work::Replicates { numbers, picture } => self.replicates(command, *numbers, picture)?,
         })
     }
@@ -75,6 +66,18 @@ impl Builder<'_> {
     ) -> Result<Step> {
         let tasks = self.chunks(each, all, range_of(numbers))?;
         let one = command.with(Argument::option(option, &format!("{{{{Task.Param.{each}}}}}")));
+        self.step(name, &one, Some(tasks))
+    }
+
+    /// Returns a step whose tasks have a range of frames each.
+    fn ranged(&mut self, name: &str, command: CommandLine, ranges: &[Frames]) -> Result<Step> {
+        if ranges.len() > MOST_LISTED {
+            return Err(Error::invalid(format!("{} chunks are more than a job has tasks", ranges.len()))
+                .hint("give a larger ⟨chunk⟩"));
+        }
+        let range = ranges.iter().map(ToString::to_string).collect();
+        let tasks = TaskParameter::Texts { name: "Frames".into(), range };
+        let one = command.with(Argument::option("frames", "{{Task.Param.Frames}}"));
         self.step(name, &one, Some(tasks))
     }
 
@@ -139,16 +142,17 @@ impl Builder<'_> {
         Ok(vec![render, merge])
     }
 
-    /// Returns the step that compares what a command has written with reference pictures when the last step is done.
+    /// Returns the step that compares what a command has written with reference pictures: in tasks of the numbers that
+    /// the work has, since the reference may have more. It depends on no step yet.
     ///
     /// # Errors
     /// If a path cannot stand in a template, or the command writes nothing.
     pub(super) fn compare(
         &mut self,
         command: &CommandLine,
+        work: &Work,
         reference: &Path,
         tolerance: f64,
-        last: Option<&Step>,
     ) -> Result<Step> {
         let placed =
             |setting: &str, piece| Argument { setting: setting.into(), option: None, values: vec![vec![piece]] };
@@ -157,14 +161,20 @@ impl Builder<'_> {
             placed("reference", Piece::Input(reference.to_owned())),
             Argument::option("tolerance", &tolerance.to_string()),
         ];
-        // The reference of a sequence may have more frames.
-        let is_picture = |path: &Path| Pattern::parse(path).is_none() && path.extension().is_some_and(|e| e == "exr");
-        if !command.output().is_some_and(is_picture) {
+        // One task that makes a sequence states its frames as the command does.
+        if *work == Work::Whole && !command.writes_one_picture() {
             arguments.extend(command.arguments.iter().filter(|argument| argument.setting == "frames").cloned());
         }
-        let mut step = self.step("Compare", &CommandLine { command: "compare".into(), arguments }, None)?;
-        step.dependencies.extend(last.map(|last| Dependency { depends_on: last.name.clone() }));
-        Ok(step)
+        let (name, compare) = ("Compare", CommandLine { command: "compare".into(), arguments });
+        match work {
+            Work::Whole | Work::Replicates { .. } => self.step(name, &compare, None),
+            Work::Frames(numbers) | Work::Denoised { numbers, .. } => {
+                self.chunked(name, compare, ("frames", "Frame", "Frames"), numbers)
+            }
+            // The numbers of views are those of their pictures.
+            Work::Views(numbers) => self.chunked(name, compare, ("frames", "View", "Views"), numbers),
+            Work::Ranges(ranges) => self.ranged(name, compare, ranges),
+        }
     }
 
     /// Returns the reference to the output of a command.
