@@ -106,6 +106,16 @@ pub(crate) fn picture(path: &Path, layer: Option<&str>, capture: &Capture, limit
 pub(crate) fn remarks(capture: &Capture) -> Vec<Warning> {
     let remark = |remark: &String| Warning::new(remark, "nothing needs to be done if this is what was meant");
     let mut all: Vec<Warning> = capture.remarks.iter().map(remark).collect();
+    let blurred = capture.frames.iter().filter(|frame| !frame.camera.blur.is_none()).count();
+    if blurred > 0 {
+        all.push(Warning::new(
+            format!(
+                "cameras of {blurred} views have an aperture or move while their shutter is open, and pictures are \
+                 taken as sharp"
+            ),
+            "render them with ⟨aperture=0⟩ and ⟨shutter=0⟩, or see that the blur is below a pixel",
+        ));
+    }
     let bits = |frame: &Frame| {
         let header = picture::header(&frame.picture).ok()?;
         let space = capture.color_space.or(header.color_space)?;

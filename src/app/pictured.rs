@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::formats::exr::{self, Attributes};
 use crate::formats::png;
 use crate::scene::aim;
+use crate::scene::blur::Blur;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
@@ -86,6 +87,7 @@ impl PictureCamera {
             width: self.size[0],
             height: self.size[1],
             near: self.near,
+            blur: Blur::default(),
         }
         .checked()
     }
@@ -202,6 +204,7 @@ mod tests {
             width: 64,
             height: 48,
             near: 0.25,
+            blur: Blur::default(),
         }
     }
 

@@ -4,7 +4,7 @@ use super::args::read_as;
 use super::parse;
 use super::values::choice;
 use crate::app::pictures::PictureSettings;
-use crate::app::render::{AccuracySettings, RenderSettings};
+use crate::app::render::{AccuracySettings, BlurSettings, RenderSettings};
 use crate::formats::sequence::Frames;
 use crate::render::film::Aov;
 use std::path::PathBuf;
@@ -63,6 +63,8 @@ struct RenderArgs {
     #[arg(long, value_name = "F", default_value_t = 24.0, value_parser = parse::positive, requires = "velocity")]
     fps: f64,
     #[command(flatten)]
+    blur: BlurSettings,
+    #[command(flatten)]
     accuracy: AccuracySettings,
     #[command(flatten)]
     pictures: PictureSettings,
@@ -83,6 +85,7 @@ impl From<RenderArgs> for RenderSettings {
             aov: args.aov,
             velocity: args.velocity,
             fps: args.fps,
+            blur: args.blur,
             accuracy: args.accuracy,
             pictures: args.pictures,
         }

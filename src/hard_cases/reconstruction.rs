@@ -10,6 +10,7 @@ use crate::inverse::solver::ascent::{Ascent, Evaluation};
 use crate::inverse::solver::softplus;
 use crate::inverse::viewpoint::entropy;
 use crate::render::dvr::Dvr;
+use crate::scene::blur::Blur;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::medium::Medium;
@@ -114,6 +115,7 @@ fn blank_picture(formula: Formula) -> Result<f64> {
         width: 24,
         height: 24,
         near: 0.0,
+        blur: Blur::default(),
     };
     // From nothing to opaque; all pictures have pixels that nothing is seen in.
     let lumps = lumps(16);

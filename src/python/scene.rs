@@ -1,10 +1,12 @@
 //! Cameras and media from Python.
 
 use crate::errors::exception;
+
 use cumulo::app::arrays::usual_quadrature;
 use cumulo::differentiate::study::setting::Setting;
 use cumulo::error::{Error, Result};
 use cumulo::render::quadrature::Quadrature;
+use cumulo::scene::blur::Blur;
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::medium::Source;
 use cumulo::scene::transfer::{Lobe, Transfer};
@@ -53,6 +55,7 @@ impl PyCameras {
                     width,
                     height,
                     near,
+                    blur: Blur::default(),
                 };
                 camera.checked().map_err(|e| e.part(format!("camera {view}")))
             };

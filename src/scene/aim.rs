@@ -3,6 +3,7 @@
 use super::camera::{Camera, Projection};
 use super::orbit::aimed;
 use super::up::Up;
+use crate::scene::blur::Blur;
 use glam::{DMat3, DMat4, DVec2, DVec3};
 
 /// Side of a volume that a camera faces.
@@ -167,6 +168,7 @@ pub fn cameras(points: &[DVec3], stands: &[Stand], view: View) -> Vec<Camera> {
         width: view.size[0],
         height: view.size[1],
         near: 0.0,
+        blur: Blur::default(),
     };
     motions.into_iter().zip(stands).map(camera).collect()
 }

@@ -5,6 +5,7 @@
 
 use crate::error::{Error, Result};
 use crate::math::Ray;
+use crate::scene::blur::Blur;
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
 
 /// Mapping from pixels to rays.
@@ -33,6 +34,8 @@ pub struct Camera {
     pub height: u32,
     /// World-space distance along the viewing axis to the near plane; nothing closer is rendered.
     pub near: f64,
+    /// What blurs the picture. [`Camera::ray`] and all that follows from it are those of a sharp one.
+    pub blur: Blur,
 }
 
 /// Derivatives of a loss with respect to a camera's parameters, or a step of these parameters ([`Camera::moved`]).
@@ -141,6 +144,13 @@ impl Camera {
         if !(self.near >= 0.0 && self.near.is_finite()) {
             return Err(Error::invalid(format!("near distance {} must be finite and not negative", self.near)));
         }
+        if let Some(shutter) = &mut self.blur.shutter {
+            for moved in [&mut shutter.start, &mut shutter.end] {
+                let camera = Self { camera_to_world: *moved, blur: Blur::default(), ..self };
+                *moved = camera.checked().map_err(|e| e.part("motion while the shutter is open"))?.camera_to_world;
+            }
+        }
+        self.blur = self.blur.checked()?;
         Ok(self)
     }
 
@@ -160,6 +170,27 @@ impl Camera {
         Ray {
             origin: self.camera_to_world.transform_point3(origin),
             direction: self.camera_to_world.transform_vector3(direction),
+        }
+    }
+
+    /// World-space ray of unit direction towards image position `(x, y)` in pixels, through the point of the aperture
+    /// that two numbers in [0, 1) stand for, at a time from 0, as the shutter opens, to 1, as it closes. It starts at
+    /// the near plane. All rays of a position meet at the distance of focus, if the camera stands still.
+    pub(crate) fn blurred_ray(&self, [x, y]: [f64; 2], aperture: [f64; 2], time: f64) -> Ray {
+        let shutter = self.blur.shutter.map(|shutter| shutter.at(self.camera_to_world, time));
+        let camera_to_world = shutter.unwrap_or(self.camera_to_world);
+        let Some((point, focus)) = self.blur.point(aperture) else {
+            return Self { camera_to_world, ..*self }.ray(x, y);
+        };
+        let plane = DVec2::new((x - self.centre.x) / self.focal.x, (self.centre.y - y) / self.focal.y);
+        let (from, sharp) = match self.projection {
+            Projection::Perspective => (point, focus * plane),
+            Projection::Orthographic => (plane + point, plane),
+        };
+        let along = ((sharp - from) / focus).extend(-1.0);
+        Ray {
+            origin: camera_to_world.transform_point3(from.extend(0.0) + self.near * along),
+            direction: camera_to_world.transform_vector3(along.normalize()),
         }
     }
 
@@ -273,6 +304,7 @@ impl Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::blur::{Aperture, Shutter};
 
     fn camera(projection: Projection) -> Camera {
         Camera {
@@ -283,6 +315,7 @@ mod tests {
             width: 64,
             height: 48,
             near: 0.25,
+            blur: Blur::default(),
         }
     }
 
@@ -296,6 +329,44 @@ mod tests {
                 assert!(depth > c.near);
             }
         }
+    }
+
+    /// Rays through all of the aperture meet where it is focussed, and start at the near plane; the picture of a point
+    /// elsewhere is as large as similar triangles say.
+    #[test]
+    fn rays_through_an_aperture_meet_at_the_distance_of_focus() {
+        for p in [Projection::Perspective, Projection::Orthographic] {
+            let blur = Blur { aperture: Some(Aperture::disc(0.3, 2.0)), shutter: None };
+            let c = Camera { blur, ..camera(p) }.checked().unwrap();
+            let sharp = c.ray(12.25, 40.0);
+            let depth = |v: DVec3| v.dot(c.forward());
+            let at = |ray: &Ray, z: f64| ray.at((z - depth(ray.origin - c.position())) / depth(ray.direction));
+            for aperture in [[0.1, 0.2], [0.9, 0.4], [0.5, 0.99]] {
+                let ray = c.blurred_ray([12.25, 40.0], aperture, 0.5);
+                assert!((depth(ray.origin - c.position()) - c.near).abs() < 1e-12);
+                assert!((ray.direction.length() - 1.0).abs() < 1e-12);
+                assert!(at(&ray, 2.0).abs_diff_eq(at(&sharp, 2.0), 1e-12), "{p:?}");
+                // Twice as far as the focus the rays are as far apart as in the aperture.
+                let (apart, point) = (at(&ray, 4.0) - at(&sharp, 4.0), at(&ray, 0.0) - at(&sharp, 0.0));
+                assert!(apart.abs_diff_eq(-point, 1e-12) && point.length() > 0.05 && point.length() <= 0.3);
+            }
+        }
+    }
+
+    #[test]
+    fn a_camera_moves_while_its_shutter_is_open() {
+        let still = camera(Projection::Perspective).checked().unwrap();
+        let moved = |x: f64| DMat4::from_translation(DVec3::new(x, 0.0, 0.0)) * still.camera_to_world;
+        let shutter = Some(Shutter { start: moved(-1.0), end: moved(1.0) });
+        let c = Camera { blur: Blur { aperture: None, shutter }, ..still }.checked().unwrap();
+        for (time, x) in [(0.0, -1.0), (0.25, -0.5), (0.5, 0.0), (0.75, 0.5)] {
+            let (ray, expected) = (c.blurred_ray([5.5, 7.5], [0.0; 2], time), still.ray(5.5, 7.5));
+            assert!(ray.origin.abs_diff_eq(expected.origin + DVec3::new(x, 0.0, 0.0), 1e-12), "{time}");
+            assert!(ray.direction.abs_diff_eq(expected.direction, 1e-12), "{time}");
+        }
+        let sheared = Shutter { start: moved(0.0), end: DMat4::from_scale(DVec3::new(1.0, 1.0, 2.0)) * moved(0.0) };
+        let c = Camera { blur: Blur { aperture: None, shutter: Some(sheared) }, ..still };
+        assert!(c.checked().unwrap_err().to_string().contains("shutter"));
     }
 
     #[test]

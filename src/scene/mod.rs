@@ -5,6 +5,7 @@ pub mod active;
 pub mod aim;
 pub mod albedo;
 mod ball;
+pub mod blur;
 pub mod bricks;
 pub mod camera;
 pub mod capture;

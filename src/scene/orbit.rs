@@ -1,5 +1,6 @@
 //! Cameras placed around a volume.
 
+use crate::scene::blur::Blur;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::up::Up;
 use glam::{DMat4, DVec2, DVec3};
@@ -61,6 +62,7 @@ pub fn cameras(
             width,
             height,
             near: 0.0,
+            blur: Blur::default(),
         })
         .collect()
 }
@@ -124,6 +126,7 @@ pub fn fitted(points: &[DVec3], direction: DVec3, [width, height]: [u32; 2], fie
         width,
         height,
         near: 0.0,
+        blur: Blur::default(),
     }
 }
 

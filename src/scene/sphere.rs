@@ -5,6 +5,7 @@
 //! vector along. Without longitude and latitude, poles are points like any other.
 
 use crate::error::{Code, Error, Result};
+use crate::scene::blur::Blur;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::orbit::{self, Layout};
 use crate::scene::up::Up;
@@ -65,6 +66,7 @@ impl Sphere {
             width: self.size[0],
             height: self.size[1],
             near: 0.0,
+            blur: Blur::default(),
         }
     }
 }

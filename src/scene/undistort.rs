@@ -156,6 +156,7 @@ fn largest_rectangle(mask: &[bool], width: u32) -> Option<Window> {
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
+    use crate::scene::blur::Blur;
     use glam::DMat4;
 
     #[test]
@@ -198,6 +199,7 @@ mod tests {
             width,
             height,
             near: 0.0,
+            blur: Blur::default(),
         }
     }
 

@@ -13,6 +13,7 @@ use cumulo::render::differentiable::Adjoint;
 use cumulo::render::dvr::{Dvr, Precision, Tape};
 use cumulo::render::film::{self, Sampling};
 use cumulo::render::quadrature::Quadrature;
+use cumulo::scene::blur::Blur;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::medium::{Medium, Source};
@@ -54,6 +55,7 @@ fn camera(edge: f64, centre: DVec3, turn: f64, pixels: u32, field_of_view: f64) 
         width: pixels,
         height: pixels,
         near: 0.0,
+        blur: Blur::default(),
     }
 }
 

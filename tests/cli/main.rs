@@ -18,6 +18,7 @@ mod common;
 mod accuracy;
 mod aim;
 mod arrays;
+mod blur;
 mod capture;
 mod command_line;
 mod compare;

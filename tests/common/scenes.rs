@@ -2,6 +2,7 @@
 
 use super::fields::{field, lumps, noise, odd, unit};
 use cumulo::math::Affine;
+use cumulo::scene::blur::Blur;
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::emission::{self, Emission, Emitted};
 use cumulo::scene::environment::{Environment, EnvironmentMap};
@@ -111,6 +112,7 @@ pub fn camera(eye: DVec3, centre: DVec3) -> Camera {
         width: EDGE,
         height: EDGE,
         near: 0.0,
+        blur: Blur::default(),
         projection: Projection::Perspective,
     }
 }

@@ -4,14 +4,27 @@
 use crate::common::refusal;
 use cumulo::error::Code;
 use cumulo::formats::{captures, exr, transforms};
+use cumulo::scene::blur::{Aperture, Blur, Shutter};
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::capture::{Capture, EmissionModel, Frame, Model, Pictures, PixelFilter};
 use cumulo::scene::color_space::ColorSpace;
 use cumulo::scene::film::Film;
 use cumulo::scene::transfer::Transfer;
-use glam::{DMat4, DVec2, DVec3};
+use glam::{DMat4, DQuat, DVec2, DVec3};
 use serde_json::{Map, Value, json};
 use std::path::Path;
+
+/// Of some views a disc, a polygon, or motion.
+fn blur(view: i32) -> Blur {
+    let disc = Aperture::disc(1.0 / 30.0, 2.9);
+    let moved = |by: f64| DMat4::from_rotation_translation(DQuat::from_rotation_x(by), DVec3::splat(by / 3.0));
+    match view {
+        1 => Blur { aperture: Some(disc), shutter: None },
+        2 => Blur { aperture: None, shutter: Some(Shutter { start: moved(-0.1), end: moved(0.2) }) },
+        4 => Blur { aperture: Some(Aperture { blades: 5, rotation: 0.1, ratio: 1.3, ..disc }), ..blur(2) },
+        _ => Blur::default(),
+    }
+}
 
 fn capture(folder: &Path) -> Capture {
     let frames = (0..5)
@@ -27,6 +40,7 @@ fn capture(folder: &Path) -> Capture {
                     width: 64,
                     height: 48 + i as u32,
                     near: 0.1,
+                    blur: blur(i),
                 },
                 picture: folder.join(format!("view.{i:04}.exr")),
             }
@@ -125,7 +139,11 @@ fn faults_are_named_by_frame_and_key() {
         {"file_path": "a.exr", "transform_matrix": identity()},
         {"file_path": "b.exr", "transform_matrix": identity()}]});
     load(&good).unwrap();
-    let cases: [(&str, Value, &[&str]); 15] = [
+    let cases: [(&str, Value, &[&str]); 19] = [
+        ("/frames/1/transform_matrix_start", identity(), &["frame 1", "transform_matrix_end"]),
+        ("/frames/0/transform_matrix_end", json!([1]), &["frame 0", "transform_matrix_end", "four rows"]),
+        ("/frames/0/aperture_radius", json!(0.1), &["frame 0", "no key 'focus_distance'"]),
+        ("/frames/0/aperture_radius", json!(-0.1), &["frame 0", "radius of the aperture of -0.1"]),
         ("/frames/1/transform_matrix", json!([[1, 2], [3]]), &["frame 1", "transform_matrix", "four rows"]),
         ("/frames/1/transform_matrix/0/1", json!(0.5), &["frame 1", "not orthogonal"]),
         ("/frames/1/transform_matrix/0/1", json!("x"), &["frame 1", "transform_matrix"]),

@@ -10,6 +10,7 @@ use cumulo::render::accuracy::interval::{Doubt, Intervals};
 use cumulo::render::accuracy::pilot::pilot;
 use cumulo::render::film::{Blocks, FEWEST, Replicates, Sampling, View};
 use cumulo::render::path::PathTracer;
+use cumulo::scene::blur::Blur;
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::environment::Environment;
 use cumulo::scene::light::Light;
@@ -33,6 +34,7 @@ fn camera() -> Camera {
         width: SIZE,
         height: SIZE,
         near: 0.0,
+        blur: Blur::default(),
         projection: Projection::Perspective,
     }
 }

@@ -4,6 +4,7 @@ use crate::common::fields;
 use cumulo::cancel::Cancel;
 use cumulo::denoise::{Ahead, Denoiser, Estimate, Frame, Lookahead, Method, Settings};
 use cumulo::math::Affine;
+use cumulo::scene::blur::Blur;
 
 use cumulo::render::film::{self, Aov, Sampling, View};
 use cumulo::render::path::PathTracer;
@@ -35,6 +36,7 @@ fn camera(angle: f64) -> Camera {
         width: WIDTH,
         height: HEIGHT,
         near: 0.0,
+        blur: Blur::default(),
     }
 }
 

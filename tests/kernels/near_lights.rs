@@ -7,6 +7,7 @@ use cumulo::math::{Affine, Ray};
 use cumulo::render::dvr::Dvr;
 use cumulo::render::film::{self, Sampling};
 use cumulo::render::path::{Limits, PathTracer};
+use cumulo::scene::blur::Blur;
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::cone::Cone;
 use cumulo::scene::light::Light;
@@ -157,6 +158,7 @@ fn pictures_with_near_lights_depend_on_seed_and_pixel_alone() {
         width: 24,
         height: 24,
         near: 0.0,
+        blur: Blur::default(),
         projection: Projection::Perspective,
     };
     for (name, scene) in scenes() {

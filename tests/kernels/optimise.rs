@@ -20,6 +20,7 @@ use cumulo::render::dvr::{Dvr, Tape};
 use cumulo::render::film::{self, Sampling};
 use cumulo::render::order::Tiles;
 use cumulo::render::preshaded::Preshaded;
+use cumulo::scene::blur::Blur;
 use cumulo::scene::bricks::{BRICK, Bricks, Topology};
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::film::Film;
@@ -509,6 +510,7 @@ fn gradients_of_pictures_are_sums_over_rays() {
             width: 83,
             height: 77,
             near: 0.0,
+            blur: Blur::default(),
         };
         Target { camera, rgba: vec![[0.2; 4]; 83 * 77], rays_per_edge: 1 }
     };
@@ -567,6 +569,7 @@ fn tiles_are_shared_out() {
         width: 240,
         height: 170,
         near: 0.0,
+        blur: Blur::default(),
     };
     let cameras: Vec<Camera> = (0..20).map(|i| camera(0.3 + 0.9 * f64::from(i))).collect();
     // So many that rays that meet nothing are nothing.
@@ -607,6 +610,7 @@ fn rays_stay_in_footprints() {
         width: 24,
         height: 20,
         near: 0.0,
+        blur: Blur::default(),
     };
     let away = centre + size * DVec3::new(1.1, -0.7, 0.4);
     let cameras = [
@@ -667,6 +671,7 @@ fn a_wall_hides_what_is_behind_it() {
         width: 48,
         height: 48,
         near: 0.0,
+        blur: Blur::default(),
     };
     let view = MeasuredView { camera, rays_per_edge: 1, measured: &|_| true };
     let renderer = Preshaded::new(&field).over([0.9, 0.1, 0.4]);

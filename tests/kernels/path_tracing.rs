@@ -10,6 +10,7 @@ use cumulo::render::film::{self, Aov, Sampling};
 use cumulo::render::integrator::{Integrator, Sample};
 use cumulo::render::path::{Limits, PathTracer, Scratch};
 use cumulo::render::sampler::Sampler;
+use cumulo::scene::blur::Blur;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::cone::Cone;
@@ -574,6 +575,7 @@ fn camera(field: &Bricks<f32>, size: u32) -> Camera {
         width: size,
         height: size,
         near: 0.0,
+        blur: Blur::default(),
     }
 }
 

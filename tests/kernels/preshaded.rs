@@ -5,6 +5,7 @@ use cumulo::math::{Aabb, Affine, Ray};
 use cumulo::real::Real;
 use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient};
 use cumulo::render::preshaded::{Preshaded, Tape};
+use cumulo::scene::blur::Blur;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, CameraGradient, Projection};
 use glam::{DVec2, DVec3, DVec4};
@@ -279,6 +280,7 @@ fn cameras_and_background_have_the_derivatives_of_differences() {
             width: 32,
             height: 24,
             near: 0.25,
+            blur: Blur::default(),
         };
         let pixels = [(16.2, 12.6), (14.5, 10.5), (19.5, 13.5), (12.5, 14.5)];
         let seen = |camera: &Camera| pixels.iter().map(|(x, y)| loss(&volume, &camera.ray(*x, *y))).sum::<f64>();

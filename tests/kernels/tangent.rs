@@ -8,6 +8,7 @@ use cumulo::render::composited::{Composited, Pixel};
 use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient, Seeds};
 use cumulo::render::dvr::{Directions, Dvr, Tape};
 use cumulo::render::quadrature::Quadrature;
+use cumulo::scene::blur::Blur;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, CameraGradient, Projection};
 use cumulo::scene::medium::{Medium, Source};
@@ -330,6 +331,7 @@ fn pixels_follow_their_camera() {
         width: 32,
         height: 24,
         near: 0.1,
+        blur: Blur::default(),
     };
     let transfer = &kinds()[1];
     let medium = Medium::new(0.3, Source::Transfer(Arc::new(transfer.table().unwrap())));

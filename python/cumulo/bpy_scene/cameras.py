@@ -18,16 +18,12 @@ def raster(scene):
 def _complaints_of(scene, thing):
     """The complaints about a scene's camera that an export can do without."""
     data, render = thing.data, scene.render
-    if data.dof.use_dof:
+    if data.dof.use_dof and data.dof.focus_object and data.dof.focus_subtarget:
         yield Complaint(
-            named("camera", thing), "it has depth of field", "switch Depth of Field off", "all of the picture is sharp"
-        )
-    if render.use_motion_blur:
-        yield Complaint(
-            named("scene", scene),
-            "motion blur is on",
-            "switch it off (Render Properties)",
-            "the pictures show one moment each",
+            named("camera", thing),
+            f"its focus follows the bone {data.dof.focus_subtarget!r}",
+            "let it follow an object, or state the distance",
+            "the focus follows the armature itself",
         )
     if render.use_multiview:
         yield Complaint(
@@ -59,11 +55,7 @@ def camera_of(scene, complaints):
         raise refused(where, f"its type is {data.type.lower()}", "make it perspective or orthographic")
     for complaint in _complaints_of(scene, thing):
         complaints.add(complaint)
-    # Blender takes no notice of a camera's scale.
-    matrix = np.array(thing.matrix_world, dtype=np.float64)
-    matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
-    if np.abs(matrix[:3, :3].T @ matrix[:3, :3] - np.eye(3)).max() > 1e-4 or np.linalg.det(matrix[:3, :3]) < 0:
-        raise refused(where, "its matrix shears or mirrors", "clear the scale of its parents")
+    matrix = _pose(thing)
     width, height = raster(scene)
     ratio = render.pixel_aspect_y / render.pixel_aspect_x
     across = data.sensor_fit == "HORIZONTAL" or (
@@ -82,7 +74,33 @@ def camera_of(scene, complaints):
         height=height,
         orthographic=data.type == "ORTHO",
         near=float(data.clip_start),
+        extra=_aperture(thing, matrix) if data.dof.use_dof else {},
     )
+
+
+def _pose(thing):
+    """Camera to world, [4, 4] f64. Blender takes no notice of a camera's scale."""
+    matrix = np.array(thing.matrix_world, dtype=np.float64)
+    matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
+    if np.abs(matrix[:3, :3].T @ matrix[:3, :3] - np.eye(3)).max() > 1e-4 or np.linalg.det(matrix[:3, :3]) < 0:
+        raise refused(named("camera", thing), "its matrix shears or mirrors", "clear the scale of its parents")
+    return matrix
+
+
+def _aperture(thing, matrix):
+    """Keys of a `transforms.json` for the aperture of a camera, whose lens is measured in millimeters and the world in
+    meters."""
+    data = thing.data
+    dof, width = data.dof, 1.0 if data.type == "ORTHO" else 1e-3 * data.lens
+    focus = dof.focus_distance
+    if dof.focus_object:
+        focus = abs((np.array(dof.focus_object.matrix_world.translation) - matrix[:3, 3]) @ matrix[:3, 2])
+    keys = {"aperture_radius": 0.5 * width / max(dof.aperture_fstop, 1e-5), "focus_distance": float(focus)}
+    if dof.aperture_blades >= 3:
+        keys |= {"aperture_blades": dof.aperture_blades, "aperture_rotation": dof.aperture_rotation}
+    if dof.aperture_ratio != 1.0:
+        keys["aperture_ratio"] = dof.aperture_ratio
+    return keys
 
 
 def far_complaint(scene, camera, box):

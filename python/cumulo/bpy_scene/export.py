@@ -16,9 +16,10 @@ import numpy as np
 from .. import padding
 from ..capture import Capture
 from ..cycles.views import finish
-from .cameras import camera_of, far_complaint, sees
+from .cameras import far_complaint, sees
 from .lights import light_entry
 from .refusal import Complaint, Complaints, named
+from .shutter import blurred_camera
 from .visible import SURFACES, placed_objects
 from .volumes import check_handedness, lattice_of, shows_nothing, surface_complaint, vdb_of, volume_entry
 from .world import Worlds
@@ -128,7 +129,7 @@ def describe(folder, scene=None, ignore=False, worlds=None):
         complaints.add(complaint)
     camera, placed = None, ()
     with complaints.gathered():
-        camera = camera_of(scene, complaints)
+        camera = blurred_camera(scene, complaints)
     with complaints.gathered():
         placed = placed_objects(scene, complaints)
     fps = scene.render.fps / scene.render.fps_base

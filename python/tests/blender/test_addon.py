@@ -306,10 +306,10 @@ def test_what_is_not_supported_is_left_out_and_reported(addon, fixtures, tmp_pat
     scene = smoke_scene.smoke(fixtures / "plume.vdb")
     addon()
     box_mesh(scene, (3, 3, 3), (4, 4, 4))
-    scene.render.use_motion_blur = True
+    scene.render.use_motion_blur, scene.cycles.rolling_shutter_type = True, "TOP"
     with pytest.raises(RuntimeError) as refused:
         bpy.ops.cumulo.export_scene(folder=str(tmp_path))
-    for words in ("object 'box'", "motion blur", "Leave Out What Is Not Supported leaves out 2 of these 2"):
+    for words in ("object 'box'", "rolling shutter", "Leave Out What Is Not Supported leaves out 2 of these 2"):
         assert words in str(refused.value)
     bpy.ops.cumulo.export_scene(folder=str(tmp_path), ignore=True)
     assert len(json.loads((tmp_path / "scene.json").read_text())["left_out"]) == 2

@@ -503,6 +503,24 @@ def sun_in_sight(scene):
     scene.camera.matrix_world = Matrix(look_at((1, -3, 1), (1, 1, 2)).tolist())
 
 
+def focus_on_a_bone(scene):
+    armature = link_object(scene, "Rig", bpy.data.armatures.new("Rig"), np.eye(4))
+    dof = scene.camera.data.dof
+    dof.use_dof, dof.focus_object, dof.focus_subtarget = True, armature, "Hand"
+
+
+def rolling_shutter(scene):
+    scene.render.use_motion_blur, scene.cycles.rolling_shutter_type = True, "TOP"
+
+
+def moving_smoke(scene):
+    scene.render.use_motion_blur = True
+    smoke = scene.objects["Smoke"]
+    for frame in (0, 2):
+        smoke.location.x = 0.1 * frame
+        smoke.keyframe_insert("location", frame=frame)
+
+
 def cloth(scene):
     box_mesh(scene, (3, 3, 3), (4, 4, 4))
 
@@ -710,9 +728,10 @@ REFUSED = {
     "another phase function": (scatter_phase, ["node 'Volume Scatter'", "DRAINE"]),
     "an unknown shader": (material(glass), ["node 'Volume Coefficients'", "no medium that Cumulo knows"]),
     "a panorama": (attribute("camera.data.type", "PANO"), ["camera 'Camera'", "pano"]),
-    "depth of field": (attribute("camera.data.dof.use_dof", True), ["camera 'Camera'", "depth of field"]),
+    "focus on a bone": (focus_on_a_bone, ["camera 'Camera'", "bone 'Hand'"]),
     "a clip end": (attribute("camera.data.clip_end", 3.0), ["camera 'Camera'", "clip end 3"]),
-    "motion blur": (attribute("render.use_motion_blur", True), ["scene 'Scene'", "motion blur"]),
+    "a rolling shutter": (rolling_shutter, ["scene 'Scene'", "rolling shutter"]),
+    "a volume that moves while the shutter is open": (moving_smoke, ["object 'Smoke'", "it moves while"]),
     "a border": (attribute("render.use_border", True), ["scene 'Scene'", "border"]),
     "film exposure": (attribute("cycles.film_exposure", 2.0), ["scene 'Scene'", "exposure"]),
     "simplification": (simplified, ["scene 'Scene'", "Simplify"]),
@@ -752,8 +771,8 @@ def test_what_cannot_be_honored_is_refused_by_name(fixtures, tmp_path, case):
 MANY = {
     "a mesh": (cloth, "object 'box'"),
     "a disk": (light("AREA", shape="DISK"), "light 'Lamp'"),
-    "depth of field": (attribute("camera.data.dof.use_dof", True), "camera 'Camera'"),
-    "motion blur": (attribute("render.use_motion_blur", True), "scene 'Scene': motion"),
+    "focus on a bone": (focus_on_a_bone, "camera 'Camera'"),
+    "a rolling shutter": (rolling_shutter, "scene 'Scene': it has a rolling"),
     "stereoscopy": (attribute("render.use_multiview", True), "scene 'Scene': it has stereo"),
     "a border": (attribute("render.use_border", True), "scene 'Scene': a border"),
     "film exposure": (attribute("cycles.film_exposure", 2.0), "scene 'Scene': its film exposure"),

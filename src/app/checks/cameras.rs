@@ -204,6 +204,7 @@ fn closest_point(aims: &[Aim<'_>]) -> Option<DVec3> {
 mod tests {
     use super::*;
     use crate::inverse::observation::depth_map::Limit;
+    use crate::scene::blur::Blur;
     use crate::scene::camera::Camera;
     use glam::DMat4;
 
@@ -220,6 +221,7 @@ mod tests {
             width: side,
             height: side,
             near: 0.0,
+            blur: Blur::default(),
         };
         let depth: Vec<f32> = (0..SIDE * SIDE).map(|i| f32::from(u8::from(covered(i % SIDE, i / SIDE)))).collect();
         DepthMap {

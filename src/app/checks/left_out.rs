@@ -48,6 +48,7 @@ fn opacities(map: &DepthMap, bounds: &Aabb) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::blur::Blur;
     use crate::scene::camera::{Camera, Projection};
     use glam::{DMat4, DVec2, DVec3};
 
@@ -62,6 +63,7 @@ mod tests {
             width: SIDE as u32,
             height: SIDE as u32,
             near: 0.0,
+            blur: Blur::default(),
         };
         let map = DepthMap {
             camera,

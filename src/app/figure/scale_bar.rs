@@ -89,6 +89,7 @@ pub(super) fn contrasting(level: f64) -> Color {
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
+    use crate::scene::blur::Blur;
     use glam::{DMat4, DVec2, DVec3};
 
     fn camera(projection: Projection, focal: f64) -> Camera {
@@ -100,6 +101,7 @@ mod tests {
             width: 200,
             height: 150,
             near: 0.0,
+            blur: Blur::default(),
         }
     }
 

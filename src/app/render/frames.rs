@@ -3,6 +3,7 @@
 
 use super::accuracy::{AccuracyReport, Deadline, PictureError};
 use super::begun::{Pictured, is_stopped};
+use super::blur::grain;
 use super::sequence::{Done, Sequence, Shot};
 use super::target::Target;
 use super::visibility::Visibility;
@@ -199,7 +200,8 @@ impl RenderSettings {
             let [before, camera, after] = cameras.map(|camera| self.pictures.cropped(camera));
             Ok([before?, camera?, after?])
         };
-        between(template, path, numbers, self.camera_offset)?.into_iter().map(cropped).collect()
+        let cameras = between(template, path, numbers, self.camera_offset)?.into_iter().map(cropped);
+        self.blur.of_frames(cameras.collect::<Result<_>>()?)
     }
 }
 
@@ -296,7 +298,7 @@ impl Sequence<'_> {
             None => settled,
         };
         if placed {
-            self.cameras = self.at_frames(&settled.cameras, &numbers);
+            self.cameras = self.at_frames(&settled.cameras, &numbers)?;
         }
         if self.pictures.density_scale == Some(DensityScale::Auto) {
             self.pictures.density_scale =
@@ -341,7 +343,9 @@ impl Sequence<'_> {
         let (subject, transfer) = pictures.subject(self.template.as_ref(), limits, &mut provenance)?;
         // Frames of one sequence are alike: the first speaks for their values.
         let first = transfer.as_ref().filter(|_| place == 0);
-        for remark in remarks(&pictures, (&subject, first), self.template.as_ref()) {
+        let paths = pictures.scattering.on() || subject.is_scene();
+        let blurred = self.cameras.first().and_then(|[_, camera, _]| grain(camera, paths, pictures.supersample));
+        for remark in remarks(&pictures, (&subject, first), self.template.as_ref()).into_iter().chain(blurred) {
             if self.remarks.insert(remark.clone()) {
                 context.note(format!("remark: {remark}"));
             }
@@ -352,7 +356,6 @@ impl Sequence<'_> {
                 .at(&pictures.input)
                 .hint("add \"velocity\": {\"grid\": \"vel\"} to a volume of it"));
         }
-        let paths = pictures.scattering.on() || subject.is_scene();
         let to = |name: &str| self.target.picture(name);
         let cameras = match self.cameras.first() {
             Some([_, camera, _]) => Cameras::Settled(camera),
@@ -362,7 +365,7 @@ impl Sequence<'_> {
         self.pictures.density_scale = Some(DensityScale::Given(capture.density_scale)).filter(|_| !subject.is_scene());
         if self.cameras.is_empty() {
             let placed: Vec<Camera> = capture.frames.iter().map(|frame| frame.camera).collect();
-            self.cameras = self.at_frames(&placed, &self.numbers);
+            self.cameras = self.at_frames(&placed, &self.numbers)?;
         }
         let picture = self.target.picture(&format!("frame.{number:04}.exr"));
         capture.frames = vec![Frame { camera: self.camera(place), picture }];

@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod begun;
+mod blur;
 mod denoised;
 mod folder;
 mod frames;
@@ -16,6 +17,7 @@ mod views;
 mod visibility;
 
 pub use accuracy::AccuracySettings;
+pub use blur::BlurSettings;
 pub use denoised::DenoisedReport;
 pub use frames::FramesReport;
 pub use merge::{MergeReport, MergeSettings};
@@ -103,6 +105,9 @@ pub struct RenderSettings {
     pub velocity: Option<String>,
     /// Frames per second; 1 for velocities in world units per frame.
     pub fps: f64,
+    /// Blur by the aperture of the camera and by its motion.
+    #[serde(flatten)]
+    pub blur: BlurSettings,
     /// Error or time of path-traced pictures.
     #[serde(flatten)]
     pub accuracy: AccuracySettings,
@@ -126,6 +131,7 @@ impl Default for RenderSettings {
             aov: Vec::new(),
             velocity: None,
             fps: 24.0,
+            blur: BlurSettings::default(),
             accuracy: AccuracySettings::default(),
             pictures: PictureSettings::default(),
         }
@@ -186,6 +192,7 @@ impl RenderSettings {
         let _inputs = inputs::protect(self.pictures.inputs(), self.pictures.limits);
         self.pictures.check()?;
         ranges::positive("fps", self.fps)?;
+        self.blur.check(self.is_sequence())?;
         self.accuracy.check(&self.pictures)?;
         if let Some(input) = self.pictures.sequence_of_folder()? {
             let pictures = PictureSettings { input, ..self.pictures.clone() };

@@ -43,6 +43,12 @@ impl RenderSettings {
         let (Some(error), Renderer::Direct(direct)) = (self.accuracy.target_error, &usual.renderer) else {
             return Ok(usual);
         };
+        if cameras.iter().any(|camera| !camera.blur.is_none()) {
+            return Err(Error::invalid(
+                "⟨target_error⟩: no bound is known of the error of straight rays that are blurred",
+            )
+            .hint("give ⟨aperture=0⟩ and ⟨shutter=0⟩ for sharp pictures, or ⟨supersample⟩ in place of an error"));
+        }
         let mut scale = f64::INFINITY;
         for camera in cameras {
             let factor = (f64::from(PILOT) / f64::from(camera.width.max(camera.height))).min(1.0);

@@ -44,12 +44,16 @@ impl RenderSettings {
 impl Sequence<'_> {
     /// Returns the cameras of frames between those of the frames before and after, of cameras that are placed: the one
     /// at rest, or those of a turn. None if none is placed.
-    pub(super) fn at_frames(&self, placed: &[Camera], numbers: &[u32]) -> Vec<[Camera; 3]> {
+    ///
+    /// # Errors
+    /// If they have an aperture, and it is not stated what is sharp.
+    pub(super) fn at_frames(&self, placed: &[Camera], numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
         let (Some(first), Some(turn)) = (placed.first(), self.render.orbit) else {
-            return placed.first().map_or_else(Vec::new, |only| vec![[*only; 3]; numbers.len()]);
+            let only = placed.first().map_or_else(Vec::new, |only| vec![[*only; 3]; numbers.len()]);
+            return self.render.blur.of_frames(only);
         };
         let at = |number: i64| placed.get(number.rem_euclid(i64::from(turn)) as usize).unwrap_or(first);
         let between = |number: &u32| [-1, 0, 1].map(|beside| *at(i64::from(*number) + beside));
-        numbers.iter().map(between).collect()
+        self.render.blur.of_frames(numbers.iter().map(between).collect())
     }
 }

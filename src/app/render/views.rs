@@ -2,6 +2,7 @@
 
 use super::accuracy::{AccuracyReport, Deadline, PictureError, Turn};
 use super::begun::Pictured;
+use super::blur::grain;
 use super::target::Target;
 use super::visibility::Visibility;
 use super::{RenderSettings, fits, straight};
@@ -26,9 +27,11 @@ use crate::plan::Plan;
 use crate::render::film::Rendered;
 use crate::render::integrator::Counts;
 use crate::render::renderer::Renderer;
-use crate::scene::capture::{Capture, Model};
+use crate::scene::aim;
+use crate::scene::capture::{Capture, Frame, Model};
 use crate::scene::scene::Scene;
 use crate::wording::all_worded;
+use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -224,17 +227,26 @@ impl RenderSettings {
         let numbers = pictures.chosen(stated)?;
         target.holds(numbers.len(), "views", "⟨view=N⟩")?;
         let (subject, transfer) = pictures.subject(template.as_ref(), pictures.limits, &mut provenance)?;
-        let remarks = remarks(pictures, (&subject, transfer.as_ref()), template.as_ref());
-        remarks.iter().for_each(|remark| context.note(format!("remark: {remark}")));
+        let mut remarks = remarks(pictures, (&subject, transfer.as_ref()), template.as_ref());
         let paths = pictures.scattering.on() || subject.is_scene();
         let up = pictures.chosen_up(template.as_ref())?;
         up.iter().for_each(|up| context.note(up));
         let place = |name: &str| target.picture(name);
-        let capture = pictures.capture(place, &subject, transfer, template.as_ref(), Cameras::around(up.as_ref()))?;
+        let mut capture =
+            pictures.capture(place, &subject, transfer, template.as_ref(), Cameras::around(up.as_ref()))?;
+        let middle = || {
+            let points = || aim::middle(&subject.outline(capture.transfer.as_ref()));
+            Some(pictures.aim.target.map_or_else(points, DVec3::from)).filter(|middle| middle.is_finite())
+        };
+        let blurred = |frame: &Frame| self.blur.of_view(frame.camera, middle);
+        let cameras = capture.frames.iter().map(blurred).collect::<Result<Vec<_>>>()?;
+        capture.frames.iter_mut().zip(cameras).for_each(|(frame, camera)| frame.camera = camera);
         fits(&capture, self.plane_bytes(), pictures.limits.max_memory)?;
         self.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
         let whole = pictures.whole(target, template.as_ref().and_then(|c| c.frames.get(numbers[0])));
+        remarks.extend(capture.frames.iter().find_map(|frame| grain(&frame.camera, paths, pictures.supersample)));
+        remarks.iter().for_each(|remark| context.note(format!("remark: {remark}")));
         let scales = DensityScales::of(&subject, capture.density_scale);
         let colors = subject.colors().cloned();
         let views = Views {

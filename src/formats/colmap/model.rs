@@ -1,6 +1,7 @@
 //! COLMAP's camera models.
 
 use crate::error::{Error, Result};
+use crate::scene::blur::Blur;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::lens::Lens;
 use glam::{DMat4, DVec2};
@@ -122,6 +123,7 @@ impl Calibration {
             width,
             height,
             near: 0.0,
+            blur: Blur::default(),
         }
         .checked()
         .map_err(|e| e.hint("the calibration has failed: run COLMAP again"))

@@ -1,5 +1,6 @@
 //! Reading of captures from JSON. Every fault names its frame and key.
 
+use super::blur::blur;
 use super::keys::{Keys, missing, short};
 use super::optics::{focal, projection_and_lens};
 use super::remarks::remarks;
@@ -9,10 +10,11 @@ use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::formats::views::{LensAndMask, StatedCapture};
 use crate::formats::{input, picture};
+use crate::scene::blur::{Blur, Shutter};
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
 use crate::scene::lens::Lens;
-use glam::{DVec2, DVec4};
+use glam::{DMat4, DVec2, DVec4};
 use serde_json::{Map, Value};
 use std::io::ErrorKind;
 use std::path::Path;
@@ -148,11 +150,12 @@ pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> 
         width,
         height,
         near: keys.number("near")?.unwrap_or(0.0),
+        blur: blur(&keys)?,
     };
     let camera = rigid(camera).map_err(|e| {
         e.hint(
             "correct 'transform_matrix' (a rotation and a position), 'fl_x', 'fl_y', 'cx', 'cy' and 'near' of this \
-                view",
+                view, its 'aperture_radius' and 'focus_distance'",
         )
     })?;
     let crop_radius = keys.number("fisheye_crop_radius")?.filter(|_| lens != Lens::Pinhole);
@@ -162,9 +165,20 @@ pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> 
 /// Checks a camera. A matrix whose columns are of unit length already is kept to the last bit, so that reading returns
 /// exactly what was written; others are normalised.
 fn rigid(camera: Camera) -> Result<Camera> {
-    let m = camera.camera_to_world;
     let checked = camera.checked()?;
     let unit = |c: DVec4| (c.truncate().length_squared() - 1.0).abs() < 8.0 * f64::EPSILON;
-    let keep = [m.x_axis, m.y_axis, m.z_axis].into_iter().all(unit);
-    Ok(if keep { Camera { camera_to_world: m, ..checked } } else { checked })
+    let kept = |stated: DMat4, checked: DMat4| {
+        let keep = [stated.x_axis, stated.y_axis, stated.z_axis].into_iter().all(unit);
+        if keep { stated } else { checked }
+    };
+    let ends = camera.blur.shutter.zip(checked.blur.shutter);
+    let shutter = ends.map(|(stated, checked)| Shutter {
+        start: kept(stated.start, checked.start),
+        end: kept(stated.end, checked.end),
+    });
+    Ok(Camera {
+        camera_to_world: kept(camera.camera_to_world, checked.camera_to_world),
+        blur: Blur { shutter, ..checked.blur },
+        ..checked
+    })
 }

@@ -1,6 +1,6 @@
 //! Writing of captures as JSON.
 
-use super::folder;
+use super::{blur, folder};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::scene::camera::{Camera, Projection};
@@ -69,6 +69,7 @@ fn text(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<St
             let mut own = Map::new();
             own.insert("file_path".into(), json!(name));
             own.insert("transform_matrix".into(), rows(frame.camera.camera_to_world));
+            own.extend(blur::own_keys(&frame.camera.blur));
             own.extend(intrinsics(&frame.camera).into_iter().filter(|(key, _)| !shared.contains_key(key)));
             Ok(Value::Object(own))
         })
@@ -141,7 +142,8 @@ fn intrinsics(camera: &Camera) -> Map<String, Value> {
         ("h", json!(camera.height)),
         ("near", json!(camera.near)),
     ];
-    entries.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+    let entries = entries.into_iter().map(|(k, v)| (k.to_owned(), v));
+    entries.chain(blur::shared_keys(&camera.blur)).collect()
 }
 
 /// The `f64` whose shortest text is that of the `f32`: 0.1 is written as 0.1 and read back to the same `f32`.
@@ -149,7 +151,7 @@ fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::from(value))
 }
 
-fn rows(m: DMat4) -> Value {
+pub(super) fn rows(m: DMat4) -> Value {
     let rows = [0, 1, 2, 3].map(|i| m.row(i).to_array());
     json!(rows)
 }

@@ -5,10 +5,14 @@
 //! aperture where it is the larger one, else the vertical one, as in Blender's import, and show more or less along the
 //! other edge if the picture has other proportions. Cameras of captures whose pixels are not square have
 //! `cumulo:pixelAspectRatio`, the width of a pixel over its height, as settings of UsdRender do.
+//!
+//! A camera with an f-stop has an aperture, a disc whose diameter is the focal length over the f-stop. One whose shutter
+//! is open for some time moves in it as its transforms do.
 
 use super::prim::Prim;
 use super::stage::Stage;
 use crate::error::{Error, Result};
+use crate::scene::blur::{Aperture, Blur, Shutter};
 use crate::scene::camera::{Camera, Projection};
 use glam::DVec2;
 
@@ -23,6 +27,7 @@ struct Film {
     aperture: DVec2,
     offset: DVec2,
     near: f64,
+    lens: Option<Aperture>,
 }
 
 /// Reads the optics; attributes that are not stated have the schema's fallbacks.
@@ -42,6 +47,7 @@ fn film(prim: &Prim, time: f64) -> Result<Film> {
         aperture: DVec2::new(number("horizontalAperture", 20.955), number("verticalAperture", 15.2908)),
         offset: DVec2::new(number("horizontalApertureOffset", 0.0), number("verticalApertureOffset", 0.0)),
         near: prim.tuple::<2>("clippingRange", time).unwrap_or([1.0, 1e6])[0],
+        lens: None,
     };
     let bad = |what: String| Err(Error::invalid(what).hint("correct the camera in the stage"));
     if !(film.aperture.is_finite() && film.aperture.min_element() > 0.0) {
@@ -50,7 +56,17 @@ fn film(prim: &Prim, time: f64) -> Result<Film> {
     if !(film.focal_length > 0.0 && film.focal_length.is_finite()) && projection == Projection::Perspective {
         return bad(format!("focal length {} must be positive and finite", film.focal_length));
     }
-    Ok(film)
+    let f_stop = number("fStop", 0.0);
+    let lens = (f_stop > 0.0)
+        .then(|| Aperture::disc(0.5 * APERTURE_UNIT * film.focal_length / f_stop, number("focusDistance", 0.0)));
+    Ok(Film { lens, ..film })
+}
+
+/// Returns the times as the shutter opens and closes, relative to that of a frame; none where it is never open.
+fn exposed(camera: &Prim, time: f64) -> Option<[f64; 2]> {
+    let relative = |name: &str| camera.number(name, time).unwrap_or_default();
+    let [open, close] = [relative("shutter:open"), relative("shutter:close")];
+    (close > open && open.is_finite() && close.is_finite()).then_some([open, close])
 }
 
 /// Returns the width of a pixel over its height.
@@ -117,7 +133,7 @@ impl Stage {
     /// the camera.
     pub fn view(&self, camera: &Prim, time: f64, size: [u32; 2]) -> Result<Camera> {
         let blame = |e: Error| self.blame(e, camera);
-        let Film { projection, focal_length, aperture, offset, near } = film(camera, time).map_err(blame)?;
+        let Film { projection, focal_length, aperture, offset, near, lens } = film(camera, time).map_err(blame)?;
         let edges = DVec2::new(f64::from(size[0]), f64::from(size[1]));
         // Pixels per unit of the image plane.
         let aspect = pixel_aspect(camera, time).map_err(blame)?;
@@ -129,7 +145,10 @@ impl Stage {
             Projection::Perspective => pixels * focal_length,
             Projection::Orthographic => pixels / APERTURE_UNIT,
         };
-        let camera_to_world = self.local_to_world(camera, time)?;
+        let exposed = exposed(camera, time).filter(|_| self.is_moving(camera));
+        let at = |shift: f64| self.local_to_world(camera, time + shift);
+        let shutter = exposed.map(|[open, close]| Ok::<_, Error>(Shutter { start: at(open)?, end: at(close)? }));
+        let camera_to_world = at(exposed.map_or(0.0, |[open, close]| 0.5 * (open + close)))?;
         let view = Camera {
             camera_to_world,
             projection,
@@ -138,6 +157,7 @@ impl Stage {
             width: size[0],
             height: size[1],
             near: near.max(0.0),
+            blur: Blur { aperture: lens, shutter: shutter.transpose()? },
         };
         let advised = |e: Error| match e.remedy().is_some() {
             true => e,
@@ -146,12 +166,10 @@ impl Stage {
         view.checked().map_err(|e| blame(advised(e)))
     }
 
-    /// Returns what a camera states and pictures do not show: blur by its lens or shutter, an exposure, clipping.
+    /// Returns what a camera states and pictures do not show: an exposure, clipping.
     pub(crate) fn camera_remarks(&self, camera: &Prim, time: f64) -> Vec<String> {
         let number = |name: &str| camera.number(name, time).unwrap_or_default();
         let told = [
-            (number("fStop") > 0.0, "its depth of field is not simulated: all is sharp"),
-            (number("shutter:close") > number("shutter:open"), "motion blur by its shutter is not simulated"),
             (
                 number("exposure") != 0.0 || camera.attributes.keys().any(|name| name.starts_with("exposure:")),
                 "its exposure has no effect: pictures are in the scene's radiance",

@@ -268,6 +268,7 @@ impl Fit {
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
+    use crate::scene::blur::Blur;
     use crate::scene::camera::{Camera, Projection};
     use glam::{DMat4, DVec2};
     use std::collections::BTreeSet;
@@ -283,6 +284,7 @@ mod tests {
             height: 1,
             projection: Projection::Perspective,
             near: 0.0,
+            blur: Blur::default(),
         };
         for n in 1..40 {
             let views: Vec<Target> =

@@ -254,6 +254,7 @@ impl Dark {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::blur::Blur;
     use crate::scene::camera::Projection;
     use crate::scene::film::Film;
     use glam::{DMat4, DVec2};
@@ -280,6 +281,7 @@ mod tests {
             width: SIDE as u32,
             height: SIDE as u32,
             near: 0.0,
+            blur: Blur::default(),
         };
         let photo = Photo { camera, film: Film::of(SIDE, SIDE, rgba), name: "view".into(), photograph: true };
         let channels = Channels::Colors { background: [0.0; 3], source: [1.0; 3] };

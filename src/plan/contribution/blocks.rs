@@ -72,6 +72,7 @@ fn outline(camera: &Camera, within: Aabb) -> Option<[DVec2; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::blur::Blur;
     use glam::DMat4;
 
     #[test]
@@ -83,6 +84,7 @@ mod tests {
             width: 40,
             height: 39,
             near: 0.0,
+            blur: Blur::default(),
             projection: crate::scene::camera::Projection::Perspective,
         };
         let seen = |min: DVec3, max: DVec3| {

@@ -195,8 +195,9 @@ impl<I: Integrator> Shoot<'_, '_, I> {
             if number % RAYS_BETWEEN_LOOKS == 0 && cancel.requested() {
                 break;
             }
-            let Shot { place, half, seed, pixel: in_whole, paths } = sampling.shot(at, number, planes.in_halves);
-            let ray = view.camera.ray(place.x, place.y);
+            let shot = sampling.shot(at, number, planes.in_halves);
+            let ray = shot.ray(view.camera);
+            let Shot { place, half, seed, pixel: in_whole, paths, .. } = shot;
             let primary = integrator.primary(&ray, scratch);
             let mut of_ray = [0.0; 4];
             if planes.depth {

@@ -1,6 +1,8 @@
 //! Rays of a pixel: where they pass through its square, and the random numbers of the paths along them.
 
+use crate::math::Ray;
 use crate::render::sampler::Sampler;
+use crate::scene::camera::Camera;
 use glam::DVec2;
 use std::ops::Range;
 
@@ -77,8 +79,30 @@ pub(super) struct Shot {
     pub seed: u64,
     /// Column and row of the pixel in the whole picture.
     pub pixel: [usize; 2],
+    /// Its number in that sequence.
+    number: u32,
     /// Numbers of its paths in that sequence.
     pub paths: Range<u32>,
+}
+
+/// Sequence of the times of rays beside that of their places.
+const TIMES: u64 = 0x8CB9_2BA7_2F3D_8DD7;
+
+impl Shot {
+    /// Returns the ray of a camera: of one whose picture is blurred, through a random point of its aperture at a random
+    /// time.
+    #[inline(always)]
+    pub fn ray(&self, camera: &Camera) -> Ray {
+        if camera.blur.is_none() { camera.ray(self.place.x, self.place.y) } else { self.blurred_ray(camera) }
+    }
+
+    #[cold]
+    fn blurred_ray(&self, camera: &Camera) -> Ray {
+        // The first two numbers are those of the ray's place.
+        let [_, _, u, v] = Sampler::new(self.seed, self.pixel, self.number).stratified();
+        let [time, ..] = Sampler::new(self.seed ^ TIMES, self.pixel, self.number).stratified();
+        camera.blurred_ray(self.place.into(), [u, v], time)
+    }
 }
 
 impl Sampling {
@@ -146,14 +170,14 @@ impl Sampling {
         match self.placement {
             Placement::Grid(rays) => {
                 let place = rays.position(at, number as usize).into();
-                Shot { place, half, seed: 0, pixel, paths: number..number + 1 }
+                Shot { place, half, seed: 0, pixel, number, paths: number..number + 1 }
             }
             Placement::Random { per_ray, seed, .. } => {
                 let seed = if in_halves && half == 1 { seed ^ 0xD1B5_4A32_D192_ED03 } else { seed };
                 let number = if in_halves { number / 2 } else { number };
                 let [dx, dy, ..] = Sampler::new(seed, pixel, number).stratified();
                 let place = DVec2::new(at[0] as f64 + dx, at[1] as f64 + dy);
-                Shot { place, half, seed, pixel, paths: number * per_ray..(number + 1) * per_ray }
+                Shot { place, half, seed, pixel, number, paths: number * per_ray..(number + 1) * per_ray }
             }
         }
     }

@@ -27,8 +27,11 @@ impl<'c> From<&'c Camera> for View<'c> {
 
 impl View<'_> {
     /// Returns how a collision that is seen at `now` moves in the picture with its volume: its place in the frame
-    /// before minus that now, and its place now minus that in the frame after, in pixels to the right and upwards.
+    /// before minus that now, and its place now minus that in the frame after, in pixels to the right and upwards. In a
+    /// picture that is blurred it is that of a sharp one.
     pub(super) fn motion(&self, first: &First, now: DVec2) -> [DVec2; 2] {
+        let seen = self.camera.project(first.position).filter(|_| !self.camera.blur.is_none());
+        let now = seen.map_or(now, |(place, _)| place);
         let velocity = self.velocities.iter().find(|(volume, _)| *volume == first.volume);
         let goes = velocity.map_or(DVec3::ZERO, |(_, velocity)| velocity.per_frame(first.position));
         let from_now = |camera: Option<&Camera>, world: DVec3| {

@@ -168,11 +168,16 @@ impl AuthorSettings {
         let limits = self.limits;
         outputs::file(&self.output, Kind::UsdText)?;
         self.refuse_overwrite(&provenance)?;
-        let content = self.content()?;
+        let mut content = self.content()?;
         let up = self.up.of(&self.input, limits)?;
         context.note(&up);
         let capture = self.camera.as_ref().map(|path| captures::load_within(path, limits)).transpose()?;
         let cameras = capture.iter().flat_map(|capture| cameras::prims(capture, self.camera_path)).collect();
+        if capture.iter().flat_map(|capture| &capture.frames).any(|frame| frame.camera.blur.shutter.is_some()) {
+            let left = "the motion of cameras while their shutter is open, of which the stage has one place a frame";
+            context.note(format!("left out: {left}"));
+            content.left_out.push(left.into());
+        }
         let (mut volumes, mut names) = (Vec::new(), Names::default());
         ["Lights", "Cameras"].into_iter().for_each(|name| drop(names.take(name)));
         for source in &content.volumes {

@@ -1,6 +1,7 @@
 //! Cameras as prims of UsdGeom.
 //!
-//! Focal length and apertures are in tenths of the stage's unit. Perspective cameras get a lens of 50 mm.
+//! Focal length and apertures are in tenths of the stage's unit. Perspective cameras get a lens of 50 mm. An aperture that
+//! light passes is a disc to USD, which has f-stops. Motion while a shutter is open is not written.
 
 use super::light::matrix;
 use super::text::{Content, Literal, PrimText, Property};
@@ -29,14 +30,16 @@ pub(crate) struct Scale {
 
 /// Numbers of a camera prim.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Aperture {
+struct Optics {
     focal: f64,
     aperture: [f64; 2],
     offset: [f64; 2],
     clipping: [f64; 2],
+    /// F-stop, 0 for a point, and distance of focus.
+    lens: [f64; 2],
 }
 
-impl Aperture {
+impl Optics {
     fn of(camera: &Camera, scale: Scale) -> Self {
         // In tenths of a unit. For parallel rays, apertures are the extent of the picture itself.
         let focal = 10.0 * LENS / scale.meters_per_unit;
@@ -51,6 +54,7 @@ impl Aperture {
             aperture: [width * x, height * y],
             // The principal point is where the axis meets the picture; the offset moves the picture against the axis.
             offset: [(0.5 * width - camera.centre.x) * x, (camera.centre.y - 0.5 * height) * y],
+            lens: camera.blur.aperture.map_or([0.0; 2], |disc| [0.05 * focal / disc.radius, disc.focus]),
             clipping: [if camera.near > 0.0 { camera.near } else { 1e-5 * scale.far }, scale.far],
         }
     }
@@ -59,7 +63,7 @@ impl Aperture {
 /// Returns the prim of a camera.
 pub(crate) fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
     let mut prim = PrimText::new("Camera", camera.name.clone());
-    let optics: Vec<Aperture> = camera.samples.iter().map(|(_, camera)| Aperture::of(camera, scale)).collect();
+    let optics: Vec<Optics> = camera.samples.iter().map(|(_, camera)| Optics::of(camera, scale)).collect();
     let varying = |declaration: &'static str, name: &str, values: Vec<Literal>| {
         let times = camera.samples.iter().map(|(time, _)| *time);
         let first = values.first().cloned().unwrap_or(Literal::Blocked);
@@ -71,7 +75,7 @@ pub(crate) fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
         };
         Property { declaration, name: name.into(), content }
     };
-    let numbers = |name: &str, of: &dyn Fn(&Aperture) -> f64| {
+    let numbers = |name: &str, of: &dyn Fn(&Optics) -> f64| {
         varying("float", name, optics.iter().map(|o| Literal::Single(of(o) as f32)).collect())
     };
     let projection = match camera.samples.first().map(|(_, camera)| camera.projection) {
@@ -91,6 +95,9 @@ pub(crate) fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
             optics.iter().map(|o| Literal::floats(o.clipping.map(|v| v as f32))).collect(),
         ),
     ]);
+    if optics.iter().any(|o| o.lens[0] > 0.0) {
+        prim.properties.extend([numbers("fStop", &|o| o.lens[0]), numbers("focusDistance", &|o| o.lens[1])]);
+    }
     let size = |(_, camera): &(Option<u32>, Camera)| {
         Literal::Tuple(vec![Literal::Int(camera.width.into()), Literal::Int(camera.height.into())])
     };
@@ -111,6 +118,7 @@ pub(crate) fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::blur::{Aperture, Blur};
     use glam::{DMat4, DVec2};
 
     #[test]
@@ -123,9 +131,10 @@ mod tests {
             width: 64,
             height: 48,
             near: 0.0,
+            blur: Blur::default(),
         };
         let scale = Scale { meters_per_unit: 0.01, far: 1000.0 };
-        let optics = Aperture::of(&camera, scale);
+        let optics = Optics::of(&camera, scale);
         // 5 cm in tenths of a centimeter.
         assert_eq!(optics.focal, 50.0);
         // The picture's left edge is seen at x / z = -30 / 100, its right at 34 / 100; top 26 / 80, bottom -22 / 80.
@@ -135,8 +144,12 @@ mod tests {
         near((optics.offset[1] + 0.5 * optics.aperture[1]) / optics.focal, 0.325);
         near((optics.offset[1] - 0.5 * optics.aperture[1]) / optics.focal, -0.275);
         assert_eq!(optics.clipping, [0.01, 1000.0]);
+        // A lens of 5 cm is four times as long as 1.25 cm are wide.
+        let open = Blur { aperture: Some(Aperture::disc(0.625, 3.0)), shutter: None };
+        let lens = Optics::of(&Camera { blur: open, ..camera }, scale).lens;
+        assert_eq!((optics.lens, lens), ([0.0; 2], [4.0, 3.0]));
         // Parallel rays: 100 pixels to a unit show 0.64 units, which are 6.4 tenths.
-        let parallel = Aperture::of(&Camera { projection: Projection::Orthographic, ..camera }, scale);
+        let parallel = Optics::of(&Camera { projection: Projection::Orthographic, ..camera }, scale);
         near(parallel.aperture[0], 6.4);
     }
 }
