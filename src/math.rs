@@ -5,16 +5,30 @@
 use crate::error::{Error, Result};
 use glam::{DMat3, DMat4, DVec3};
 
-/// A half line; `direction` need not have unit length.
+/// A half line, or the beginning of one; `direction` need not have unit length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
     /// Start of the ray.
     pub origin: DVec3,
     /// Direction of travel; a parameter step of 1 moves by this vector.
     pub direction: DVec3,
+    /// Parameter beyond which nothing counts; infinite unless something stands in the way.
+    pub far: f64,
 }
 
 impl Ray {
+    /// Creates a ray without end.
+    #[inline(always)]
+    pub const fn new(origin: DVec3, direction: DVec3) -> Self {
+        Self { origin, direction, far: f64::INFINITY }
+    }
+
+    /// True if something stands in the way, and what is behind it does not count.
+    #[inline(always)]
+    pub(crate) fn ends(&self) -> bool {
+        self.far < f64::INFINITY
+    }
+
     /// Position at parameter `t`.
     pub fn at(&self, t: f64) -> DVec3 {
         self.origin + t * self.direction

@@ -4,7 +4,7 @@ use super::args::read_as;
 use super::parse;
 use super::values::choice;
 use crate::app::pictures::PictureSettings;
-use crate::app::render::{AccuracySettings, BlurSettings, RenderSettings};
+use crate::app::render::{AccuracySettings, BlurSettings, HoldoutSettings, RenderSettings};
 use crate::formats::sequence::Frames;
 use crate::render::film::Aov;
 use std::path::PathBuf;
@@ -65,6 +65,8 @@ struct RenderArgs {
     #[command(flatten)]
     blur: BlurSettings,
     #[command(flatten)]
+    holdout: HoldoutSettings,
+    #[command(flatten)]
     accuracy: AccuracySettings,
     #[command(flatten)]
     pictures: PictureSettings,
@@ -86,6 +88,7 @@ impl From<RenderArgs> for RenderSettings {
             velocity: args.velocity,
             fps: args.fps,
             blur: args.blur,
+            holdout: args.holdout,
             accuracy: args.accuracy,
             pictures: args.pictures,
         }

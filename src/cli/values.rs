@@ -24,6 +24,7 @@ use crate::render::film::Aov;
 use crate::scene::aim::Side;
 use crate::scene::albedo::TransferColor;
 use crate::scene::capture::{EmissionModel, Model};
+use crate::scene::holdout::DepthMeasure;
 use crate::scene::orbit::Layout;
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -50,6 +51,11 @@ value_enum!(Choice for Model {
     PreShaded: "pre-shaded",
         "`∫ T e dt + T · background`, with a grid of emissions e per length beside that of extinctions";
     Scattering: "scattering", "Light that is scattered any number of times: see --albedo";
+});
+
+value_enum!(Choice for DepthMeasure {
+    Axis: "axis", "Distance along the viewing axis";
+    Ray: "ray", "Distance from the camera";
 });
 
 value_enum!(Choice for TransferColor {

@@ -228,7 +228,7 @@ fn deep_gradients(formula: Formula, steps: &[f64]) -> Result<f64> {
 
 fn drifting_inversion(formula: Formula) -> Result<f64> {
     let (narrow, wide): (Bricks<f32>, Bricks<f64>) = (field(16, unit()?, |_| 1.0)?, field(16, unit()?, |_| 1.0)?);
-    let ray = Ray { origin: DVec3::new(-9.0, 7.5, 7.5), direction: DVec3::X };
+    let ray = Ray::new(DVec3::new(-9.0, 7.5, 7.5), DVec3::X);
     let (medium, rule) = (Medium::new(15.0 / 16.0, EMISSION), Quadrature::Midpoint(0.05));
     let adjoint = match formula {
         Formula::Cumulo => Adjoint::Tape,

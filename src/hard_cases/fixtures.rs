@@ -57,12 +57,12 @@ pub(super) const SLAB: f64 = 16.0;
 
 /// Returns a ray along the x axis, between the voxels.
 pub(super) fn along_x() -> Ray {
-    Ray { origin: DVec3::new(-3.0, 7.3, 6.8), direction: DVec3::X }
+    Ray::new(DVec3::new(-3.0, 7.3, 6.8), DVec3::X)
 }
 
 /// Returns a ray along no axis.
 pub(super) fn slanted() -> Ray {
-    Ray { origin: DVec3::new(-20.0, 3.1, 5.2), direction: DVec3::new(0.9, 0.3, 0.2).normalize() }
+    Ray::new(DVec3::new(-20.0, 3.1, 5.2), DVec3::new(0.9, 0.3, 0.2).normalize())
 }
 
 /// Returns the map of voxels of edge 1 at integer world positions.
@@ -103,7 +103,7 @@ pub(super) fn rays(bounds: Aabb, count: u64, seed: u64) -> Vec<Ray> {
         let r = |k: u64| noise(seed.wrapping_add(i * 16 + k)) - 0.5;
         let target = centre + size * DVec3::new(r(0), r(1), r(2)) * 0.8;
         let from = DVec3::new(r(3), r(4), r(5)).normalize() * size.length();
-        Ray { origin: centre + from, direction: (target - centre - from).normalize() }
+        Ray::new(centre + from, (target - centre - from).normalize())
     };
     (0..count).map(ray).collect()
 }

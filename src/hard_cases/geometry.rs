@@ -125,7 +125,7 @@ fn slab_test(formula: Formula) -> Result<f64> {
                 let mut share = DVec3::ZERO;
                 share[(axis + 1) % 3] = at(place % 3);
                 share[(axis + 2) % 3] = at(place / 3);
-                let mut ray = Ray { origin: bounds.min + share * bounds.size(), direction: DVec3::ZERO };
+                let mut ray = Ray::new(bounds.min + share * bounds.size(), DVec3::ZERO);
                 ray.origin[axis] = bounds.centre()[axis] - 100.0 * sign;
                 ray.direction[axis] = sign;
                 let clip = match formula {
@@ -174,7 +174,7 @@ fn grazing_rays(formula: Formula) -> Result<f64> {
     for axis in 0..3 {
         for (a, b) in [(8.0, 8.0), (8.0, 3.5), (0.0, 0.0), (15.0, 16.0), (31.0, 31.0), (3.0, 24.0)] {
             for sign in [-1.0, 1.0] {
-                let mut ray = Ray { origin: DVec3::ZERO, direction: DVec3::ZERO };
+                let mut ray = Ray::new(DVec3::ZERO, DVec3::ZERO);
                 ray.origin[(axis + 1) % 3] = a;
                 ray.origin[(axis + 2) % 3] = b;
                 ray.direction[axis] = sign;
@@ -189,12 +189,12 @@ fn grazing_rays(formula: Formula) -> Result<f64> {
     // Along space diagonals every cell is entered through a corner.
     for sign in [-1.0, 1.0] {
         let direction = DVec3::splat(sign / 3.0_f64.sqrt());
-        let found = depth(&Ray { origin: DVec3::splat(15.5) - 80.0 * direction, direction });
+        let found = depth(&Ray::new(DVec3::splat(15.5) - 80.0 * direction, direction));
         // 31 cells of √3 at density 1 and the two cubic fall-offs ∫(1-t)³ √3 dt = √3/4 each.
         most = worse(most, off(found, 3.0_f64.sqrt() * 31.5));
     }
     // Tangent to the outer face of the fall-off: nothing.
-    let outside = Ray { origin: DVec3::new(-50.0, 32.0, 10.0), direction: DVec3::X };
+    let outside = Ray::new(DVec3::new(-50.0, 32.0, 10.0), DVec3::X);
     Ok(if depth(&outside) == 0.0 { most } else { f64::INFINITY })
 }
 
@@ -204,7 +204,7 @@ fn creeping_rays(formula: Formula) -> Result<f64> {
     let mut most = 0.0;
     for slope in [6e-17, -6e-17, 1e-12, -1e-12, 0.0] {
         for x in [8.0, 8.0 + 2e-15, 8.0 - 2e-15, 16.0, 16.0 - 4e-15] {
-            let ray = Ray { origin: DVec3::new(x, -40.0, 9.5), direction: DVec3::new(slope, 1.0, 0.0) };
+            let ray = Ray::new(DVec3::new(x, -40.0, 9.5), DVec3::new(slope, 1.0, 0.0));
             let found = match formula {
                 Formula::Cumulo => dvr.optical_depth(&ray),
                 Formula::Naive => pushed(&field, &ray),
@@ -245,7 +245,7 @@ fn far_from_the_origin(formula: Formula) -> Result<f64> {
         // their own size from voxel to voxel.
         let rounding = 2.0 * 2.0_f64.powi(-52) * at.abs().max_element() / size;
         for ray in rays(near.world_bounds(), 60, 31) {
-            let world = Ray { origin: transform.to_world(ray.origin), direction: ray.direction };
+            let world = Ray::new(transform.to_world(ray.origin), ray.direction);
             let found = match formula {
                 Formula::Cumulo => dvr.optical_depth(&world),
                 Formula::Naive => single_precision(&far, &world, size),
@@ -268,7 +268,7 @@ fn sheared_voxels(formula: Formula) -> Result<f64> {
             Formula::Cumulo => narrow.optical_depth(ray),
             Formula::Naive => {
                 let (origin, direction) = (map.to_index(ray.origin), map.vector_to_index(ray.direction).normalize());
-                map.voxel_size().element_sum() / 3.0 * straight.optical_depth(&Ray { origin, direction })
+                map.voxel_size().element_sum() / 3.0 * straight.optical_depth(&Ray::new(origin, direction))
             }
         };
         let expected = wide.optical_depth(ray);
@@ -310,7 +310,7 @@ fn empty_and_single_voxels(formula: Formula) -> Result<f64> {
     let empty: Bricks<f32> = field(8, unit()?, |_| 0.0)?;
     let mut most: f64 = if empty.topology.is_empty() { 0.0 } else { f64::INFINITY };
     // Along an axis, and along none, where the empty box's slabs are all crossed.
-    for ray in [Ray { origin: DVec3::new(-5.0, 4.0, 4.0), direction: DVec3::X }, slanted()] {
+    for ray in [Ray::new(DVec3::new(-5.0, 4.0, 4.0), DVec3::X), slanted()] {
         most = match formula {
             Formula::Cumulo => {
                 let seen = Dvr::new(&empty, Medium::absorbing(1.0))?.over([1.0; 3]).pixel(&ray);
@@ -328,7 +328,7 @@ fn empty_and_single_voxels(formula: Formula) -> Result<f64> {
     let dvr = Dvr::new(&single, Medium::absorbing(1.0))?;
     for direction in [DVec3::X, DVec3::Y, DVec3::NEG_Z] {
         let depth = match formula {
-            Formula::Cumulo => dvr.optical_depth(&Ray { origin: DVec3::splat(8.0) - 20.0 * direction, direction }),
+            Formula::Cumulo => dvr.optical_depth(&Ray::new(DVec3::splat(8.0) - 20.0 * direction, direction)),
             Formula::Naive => {
                 let within = |k: i32| 8.0 + 0.01 * (f64::from(k) + 0.5);
                 let at = |k: i32| single.sample(DVec3::splat(8.0) + (within(k) - 8.0) * direction.abs());

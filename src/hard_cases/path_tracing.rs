@@ -336,7 +336,7 @@ fn narrow_lights(formula: Formula) -> Result<f64> {
         for (light, expected) in &lights[..if angle < 1e-12 { 1 } else { 2 }] {
             let light = light.checked()?;
             let Some(arrival) = light.sample(DVec3::ZERO, [0.3, 0.6]) else { return Ok(f64::INFINITY) };
-            let met = light.hit(&Ray { origin: DVec3::ZERO, direction: arrival.direction });
+            let met = light.hit(&Ray::new(DVec3::ZERO, arrival.direction));
             let found = match formula {
                 Formula::Cumulo if arrival.density.is_infinite() && met.is_none() => arrival.radiance.x.into(),
                 // What is drawn is met.

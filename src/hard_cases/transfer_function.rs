@@ -137,7 +137,7 @@ fn step(formula: Formula) -> Result<f64> {
         Formula::Naive => Quadrature::Midpoint(1.0),
     };
     let dvr = Dvr::new(&field, medium)?.quadrature(rule).early_stop(0.0).over(BACKGROUND);
-    let ray = Ray { origin: DVec3::new(-2.0, 7.3, 6.8), direction: DVec3::X };
+    let ray = Ray::new(DVec3::new(-2.0, 7.3, 6.8), DVec3::X);
     let (met, length) = (0.4 / RISE, 23.0);
     let (near, far) = ((-below[3] * met).exp(), (-above[3] * (length - met)).exp());
     let mut most = 0.0;

@@ -163,7 +163,7 @@ mod tests {
                 let share = |k: f64| (golden * k).fract();
                 let through = bounds.min + bounds.size() * share(f64::from(i) + 1.0);
                 let direction = (share(f64::from(i) * 7.0 + 3.0) - 0.5).normalize();
-                let ray = Ray { origin: through - 100.0 * direction, direction };
+                let ray = Ray::new(through - 100.0 * direction, direction);
                 deepest = deepest.max(dvr.optical_depth(&ray));
             }
             assert!(deepest <= bound && bound < 3.0 * deepest, "{deepest} {bound}");

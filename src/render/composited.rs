@@ -104,7 +104,10 @@ impl<I: EmissionAbsorption> Composited<I> {
     /// Returns the pixel of a world ray of unit direction, with scratch memory that is reused from ray to ray.
     #[inline(always)]
     pub fn pixel_on(&self, ray: &Ray, scratch: &mut I::Scratch) -> Pixel<I::Real> {
-        self.composite(&self.medium.integrate(ray, scratch))
+        let light = self.medium.integrate(ray, scratch);
+        let pixel = self.composite(&light);
+        // What stands in the way hides the background.
+        if ray.ends() { Pixel { rgb: light.rgb.map(I::Real::of), ..pixel } } else { pixel }
     }
 }
 

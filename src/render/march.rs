@@ -32,8 +32,9 @@ impl IndexRay {
         let origin = transform.to_index(ray.origin);
         // What has no reciprocal gains nothing along the axis.
         let direction = transform.vector_to_index(ray.direction).map(|d| if d.recip().is_finite() { d } else { 0.0 });
-        let (enter, leave) = domain.clip(&Ray { origin, direction })?;
-        Some(Self { origin, direction, enter, leave })
+        let (enter, leave) = domain.clip(&Ray::new(origin, direction))?;
+        let leave = leave.lesser(ray.far);
+        (enter <= leave).then_some(Self { origin, direction, enter, leave })
     }
 
     /// Returns the index coordinates gained per unit of world length.
@@ -142,7 +143,7 @@ impl BrickWalk {
     /// Begins where a ray enters the bricks; `None` if it misses them.
     #[inline(always)]
     fn new(topology: &Topology, ray: &IndexRay, reverse: bool) -> Option<Self> {
-        let (enter, leave) = topology.reach().clip(&Ray { origin: ray.origin, direction: ray.direction })?;
+        let (enter, leave) = topology.reach().clip(&Ray::new(ray.origin, ray.direction))?;
         let (enter, leave) = (enter.greater(ray.enter), leave.lesser(ray.leave));
         let sign = if reverse { -1.0 } else { 1.0 };
         let (now, end) = if reverse { (-leave, -enter) } else { (enter, leave) };
@@ -376,7 +377,7 @@ mod tests {
             let away = |a: usize| if straight[a] { 0.0 } else { f64::from(origin[a]) - 40.5 };
             let away = DVec3::from_array(std::array::from_fn(away));
             prop_assume!(away != DVec3::ZERO);
-            let ray = Ray { origin: target + away, direction: (-away).normalize() };
+            let ray = Ray::new(target + away, (-away).normalize());
             let map = Affine::uniform(1.0, DVec3::ZERO).unwrap();
             let ray = IndexRay::new(&whole.bounds(), &map, &ray).unwrap();
             let near = walked(&masked, &ray, false);

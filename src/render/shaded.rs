@@ -180,7 +180,7 @@ mod tests {
         let shading = Shading { ambient: 0.3, diffuse: 0.6, specular: 0.4, exponent: 8.0 };
         for direction in [DVec3::X, DVec3::new(1.0, 0.5, -0.3).normalize(), DVec3::new(-0.4, 0.2, 0.9).normalize()] {
             // From inside, so that differences to both sides are those of the ramp.
-            let ray = Ray { origin: DVec3::splat(6.0) - 3.0 * direction, direction };
+            let ray = Ray::new(DVec3::splat(6.0) - 3.0 * direction, direction);
             let plain = exact.integrate(&ray, &mut Default::default());
             let cosine = direction.x.abs();
             let [factor, highlight] = shading.factors(Some(cosine));

@@ -167,10 +167,7 @@ impl Camera {
             }
             Projection::Orthographic => (DVec3::new(px, py, -self.near), DVec3::NEG_Z),
         };
-        Ray {
-            origin: self.camera_to_world.transform_point3(origin),
-            direction: self.camera_to_world.transform_vector3(direction),
-        }
+        Ray::new(self.camera_to_world.transform_point3(origin), self.camera_to_world.transform_vector3(direction))
     }
 
     /// World-space ray of unit direction towards image position `(x, y)` in pixels, through the point of the aperture
@@ -188,10 +185,10 @@ impl Camera {
             Projection::Orthographic => (plane + point, plane),
         };
         let along = ((sharp - from) / focus).extend(-1.0);
-        Ray {
-            origin: camera_to_world.transform_point3(from.extend(0.0) + self.near * along),
-            direction: camera_to_world.transform_vector3(along.normalize()),
-        }
+        Ray::new(
+            camera_to_world.transform_point3(from.extend(0.0) + self.near * along),
+            camera_to_world.transform_vector3(along.normalize()),
+        )
     }
 
     /// Derivatives of a loss with respect to the camera, from those with respect to the origin and direction of the
@@ -235,10 +232,10 @@ impl Camera {
             Projection::Orthographic => (plane_moved, DVec3::ZERO),
         };
         let to_world = |v: DVec3| self.camera_to_world.transform_vector3(v);
-        Ray {
-            origin: by.position + by.rotation.cross(ray.origin - self.position()) + to_world(origin),
-            direction: by.rotation.cross(ray.direction) + to_world(direction),
-        }
+        Ray::new(
+            by.position + by.rotation.cross(ray.origin - self.position()) + to_world(origin),
+            by.rotation.cross(ray.direction) + to_world(direction),
+        )
     }
 
     /// The camera after a step: translated, rotated about its position by a rotation vector (world axes, radians), with

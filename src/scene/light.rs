@@ -393,7 +393,7 @@ mod tests {
             for i in 0..400 {
                 let u = [f64::from(i % 20), f64::from(i / 20)].map(|i| (i + 0.5) / 20.0);
                 let drawn = light.sample(from, u).unwrap();
-                let met = light.hit(&Ray { origin: from, direction: drawn.direction }).unwrap();
+                let met = light.hit(&Ray::new(from, drawn.direction)).unwrap();
                 let far = drawn.distance.is_infinite() && met.distance.is_infinite();
                 assert!(far || (drawn.distance / met.distance - 1.0).abs() < 1e-6, "{light:?} {drawn:?} {met:?}");
                 assert!((drawn.density / met.density - 1.0).abs() < 1e-9, "{light:?} {drawn:?} {met:?}");
@@ -414,7 +414,7 @@ mod tests {
                 for j in 0..2 * steps {
                     let turn = (f64::from(j) + 0.5) / f64::from(2 * steps);
                     let direction = around(DVec3::new(0.0, 0.6, 0.8), cosine, (1.0 - cosine * cosine).sqrt(), turn);
-                    let met = light.hit(&Ray { origin: from, direction });
+                    let met = light.hit(&Ray::new(from, direction));
                     sum += met.map_or(0.0, |met| met.density);
                 }
             }

@@ -18,6 +18,7 @@ pub mod emission;
 pub mod environment;
 pub mod film;
 pub mod grid;
+pub mod holdout;
 pub mod lens;
 pub mod light;
 pub mod medium;

@@ -53,7 +53,7 @@ impl Scene {
     fn cells(&self) -> f64 {
         let map = &self.field.transform;
         let crossed = |ray: Ray| {
-            let ray = Ray { origin: map.to_index(ray.origin), direction: map.vector_to_index(ray.direction) };
+            let ray = Ray::new(map.to_index(ray.origin), map.vector_to_index(ray.direction));
             let Some((enter, leave)) = self.field.topology.bounds().clip(&ray) else { return 0 };
             let mut cuts = vec![enter, leave];
             for (o, d) in ray.origin.to_array().into_iter().zip(ray.direction.to_array()).filter(|(_, d)| *d != 0.0) {

@@ -68,6 +68,8 @@ const OTHERS: &[&str] = &[
     // Of a volume that is too large for a test: `tests/process/scratch.rs` runs such ones.
     "cumulo render large.vdb --views 64 -o shots --max-memory 2G --scratch /var/tmp",
     "cumulo reconstruct density shots -o found.vdb --resolution 1024 --max-memory 2G --scratch /var/tmp",
+    // Of a depth picture of another program: `tests/cli/holdout.rs` runs such ones.
+    "cumulo render smoke.vdb --cameras shots --view 0 --density-scale auto --albedo 0.9 --samples 16 --holdout prop.exr -o before.exr",
     // `python/tests/test_commands.py` runs it.
     "python3 own_loss.py guess.vdb shots",
     "cargo run --release --example load_and_render -- smoke.vdb view.exr",

@@ -31,6 +31,7 @@ mod farm;
 mod figure;
 mod gradient;
 mod guide;
+mod holdout;
 mod imaging;
 mod info;
 mod merge;

@@ -97,7 +97,7 @@ fn shared_bricks_hold_the_same_values() {
             let at = |k: f64| (f64::from(i) * k).fract();
             let from = bounds.min + bounds.size() * DVec3::new(at(0.618), at(0.414), -0.5);
             let to = bounds.min + bounds.size() * DVec3::new(at(0.732), at(0.236), 1.5);
-            Ray { origin: from, direction: (to - from).normalize() }
+            Ray::new(from, (to - from).normalize())
         })
         .collect();
     let same = |a: &Bricks<f32>, b: &Bricks<f32>, medium: &Medium, quadrature: Quadrature| {

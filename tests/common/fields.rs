@@ -142,7 +142,7 @@ pub fn rays(field_bounds: cumulo::math::Aabb, count: u64, seed: u64) -> Vec<Ray>
             let r = |k: u64| noise(seed.wrapping_add(i * 16 + k)) - 0.5;
             let target = centre + size * DVec3::new(r(0), r(1), r(2)) * 0.8;
             let from = DVec3::new(r(3), r(4), r(5)).normalize() * size.length();
-            Ray { origin: centre + from, direction: (target - centre - from).normalize() }
+            Ray::new(centre + from, (target - centre - from).normalize())
         })
         .collect()
 }

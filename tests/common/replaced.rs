@@ -22,8 +22,15 @@ const CAPTURE: &[&str] = &["in/cap/transforms.json", "in/cap/view_000.exr", "in/
 
 pub const ALL: [Case; 46] = [
     case(
-        "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --view 0 --size 4x4 --png --overwrite -o out",
-        &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"],
+        "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --view 0 --size 4x4 --holdout in/z.exr --png --overwrite -o out",
+        &[
+            "in/cube.vdb",
+            "in/two.tf.json",
+            "in/z.exr",
+            "in/cap/transforms.json",
+            "in/cap/view_000.exr",
+            "in/cap/view_003.exr",
+        ],
         &["out/transforms.json", "out/view_000.exr", "out/view_000.png"],
     ),
     case(
@@ -248,6 +255,7 @@ pub fn prepared() -> Work {
     work.json("render in/cube.vdb --views 4 --size 12x12 -o in/cap");
     work.json("render in/cube.vdb --views 4 --size 12x12 --tf in/two.tf.json -o in/bright");
     work.json("render in/cube.vdb --views 1 --size 8x4 --albedo 0.9 --samples 2 -o in/sky.exr");
+    work.json("render in/cube.vdb --views 1 --size 4x4 --albedo 0.9 --samples 2 --aov depth -o in/z.exr");
     for seed in 0..4 {
         work.json(&format!(
             "render in/cube.vdb --views 1 --size 16x16 --albedo 0.9 --samples 2 --seed {seed} -o in/n{seed}.exr"

@@ -165,7 +165,7 @@ fn tracked(field: &Bricks<f64>, medium: &Medium, sky: DVec3, ray: &Ray, paths: u
             let (cosine, turn) = (2.0 * number() - 1.0, TAU * number());
             let sine = (1.0 - cosine * cosine).sqrt();
             let direction = DVec3::new(sine * turn.cos(), sine * turn.sin(), cosine);
-            ray = Ray { origin: ray.at(at), direction };
+            ray = Ray::new(ray.at(at), direction);
         }
         found += weight * sky;
         moments.iter_mut().zip(found.to_array()).for_each(|(m, v)| m.add(v));

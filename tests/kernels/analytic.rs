@@ -33,7 +33,7 @@ fn slab_along_each_axis() {
         for sign in [-1.0, 1.0] {
             let mut direction = DVec3::ZERO;
             direction[axis] = sign;
-            let ray = Ray { origin: DVec3::splat(7.3) - 50.0 * direction, direction };
+            let ray = Ray::new(DVec3::splat(7.3) - 50.0 * direction, direction);
             let depth = dvr.medium.optical_depth(&ray);
             // 15 between the outermost centres, half a voxel of falloff at each end; f32 sums of at
             // most 17 terms within each of 3 bricks.
@@ -57,7 +57,7 @@ fn linear_ramp_under_any_affine_map() {
             // The ray goes on to the far side; take the part from b onwards off.
             let (wa, wb) = (transform.to_world(a), transform.to_world(b));
             let direction = (wb - wa).normalize();
-            let of = |origin| dvr.optical_depth(&Ray { origin, direction });
+            let of = |origin| dvr.optical_depth(&Ray::new(origin, direction));
             (of(wa) - of(wb), (wb - wa).length())
         };
         for (a, b) in [
@@ -96,7 +96,7 @@ fn gaussian_blob_converges_to_its_line_integral() {
         let dvr = Dvr::new(&f, Medium::absorbing(1.0 / s)).unwrap();
         let direction = DVec3::new(0.6, 0.48, 0.64);
         let off = DVec3::new(0.8, -0.36, -0.48) * 0.7 * s;
-        let depth = dvr.optical_depth(&Ray { origin: centre + off - 3.0 * f64::from(n) * direction, direction });
+        let depth = dvr.optical_depth(&Ray::new(centre + off - 3.0 * f64::from(n) * direction, direction));
         (depth - (2.0 * std::f64::consts::PI).sqrt() * (-0.5 * 0.7_f64 * 0.7).exp()).abs()
     };
     let (coarse, fine) = (error(32), error(64));

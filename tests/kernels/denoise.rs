@@ -73,7 +73,7 @@ fn shots(turn: f64, sun_turns: f64, extinction: f64) -> Vec<Shot> {
         };
         let tracer = PathTracer::new(&scene).unwrap().background([0.0; 3]);
         let [before, camera, after] = [-1.0, 0.0, 1.0].map(|step| camera(turn * (f64::from(frame) + step)));
-        let view = View { camera: &camera, before: Some(&before), after: Some(&after), velocities: &[] };
+        let view = View { camera: &camera, before: Some(&before), after: Some(&after), holdout: None, velocities: &[] };
         let go = Cancel::NEVER;
         let noisy = film::render(&tracer, view, Sampling::random(2, frame.into()), &[Aov::Motion], &go).unwrap().film;
         let paths = if frame < LEARNING { 1 } else { 128 };

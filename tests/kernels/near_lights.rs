@@ -114,8 +114,7 @@ fn airlight_is_that_of_quadrature() {
         let scene = scene(&single, medium(extinction, ALBEDO, phase), vec![light], [0.0; 3]);
         let tracer = PathTracer::new(&scene).unwrap().limits(Limits { max_bounces: 1 });
         let dvr = Dvr::new(&double, Medium::absorbing(extinction)).unwrap().early_stop(0.0);
-        let rays: Vec<Ray> =
-            [0.01, 0.3, 2.0].map(|off| Ray { origin: INSIDE + off * aside - 30.0 * across, direction: across }).into();
+        let rays: Vec<Ray> = [0.01, 0.3, 2.0].map(|off| Ray::new(INSIDE + off * aside - 30.0 * across, across)).into();
         let of_ray = |ray: &Ray| {
             let (enter, leave) = double.world_bounds().clip(ray).unwrap();
             let nearest = (INSIDE - ray.origin).dot(across);
@@ -127,7 +126,7 @@ fn airlight_is_that_of_quadrature() {
                     let angle = from + (to - from) * (f64::from(k) + 0.5) / f64::from(steps);
                     let at = ray.at(nearest + distance * angle.tan());
                     let arrival = light.sample(at, [0.0; 2]).unwrap();
-                    let beyond = |origin, direction| dvr.optical_depth(&Ray { origin, direction });
+                    let beyond = |origin, direction| dvr.optical_depth(&Ray::new(origin, direction));
                     let depth = beyond(at, -across) + beyond(at, arrival.direction) - beyond(INSIDE, arrival.direction);
                     extinction
                         * double.sample(double.transform.to_index(at))

@@ -125,7 +125,7 @@ fn scattered_once(
         let at = ray.at(enter + (f64::from(k) + 0.5) * dt);
         let density = field.sample(field.transform.to_index(at));
         if density > 0.0 {
-            let back = Ray { origin: at, direction: -ray.direction };
+            let back = Ray::new(at, -ray.direction);
             let arriving = (-dvr.optical_depth(&back)).exp();
             sum += extinction * density * arriving * dt * light(at, &dvr);
         }
@@ -212,7 +212,7 @@ fn light_scattered_once_is_that_of_quadrature() {
                         for k in 0..edge * edge {
                             let u = [k % edge, k / edge].map(|i| (f64::from(i) + 0.5) / f64::from(edge));
                             let Some(arrival) = light.sample(at, u) else { continue };
-                            let toward = Ray { origin: at, direction: arrival.direction };
+                            let toward = Ray::new(at, arrival.direction);
                             let scattered = scattered(at, ray.direction, arrival.direction);
                             let density = if arrival.density.is_infinite() { 1.0 } else { arrival.density };
                             let transmittance = (-dvr.optical_depth(&toward)).exp();
@@ -256,7 +256,7 @@ fn skies_are_those_of_their_pictures() {
                 let (elevation, turn) = (PI * rise, 2.0 * PI * turn);
                 let direction = DVec3::new(elevation.sin() * turn.cos(), elevation.sin() * turn.sin(), elevation.cos());
                 let area = elevation.sin() * 2.0 * PI * PI / f64::from(turns * rises);
-                let transmittance = (-dvr.optical_depth(&Ray { origin: at, direction })).exp();
+                let transmittance = (-dvr.optical_depth(&Ray::new(at, direction))).exp();
                 sum += map.towards(direction).as_dvec3()
                     * (phase.value(ray.direction.dot(direction)) * transmittance * area);
             }
@@ -313,7 +313,7 @@ pub fn peaks() -> Table {
 #[test]
 fn a_wall_is_lit_by_lamberts_law() {
     let field = field::<f32>(33, unit(), |p| p.z);
-    let ray = Ray { origin: DVec3::new(16.2, 15.7, -5.0), direction: DVec3::Z };
+    let ray = Ray::new(DVec3::new(16.2, 15.7, -5.0), DVec3::Z);
     for cosine in [0.5_f64, 0.9] {
         let direction = DVec3::new((1.0 - cosine * cosine).sqrt(), 0.0, -cosine);
         let sun = Light::Sun { direction, irradiance: Vec3::ONE, angle: 0.0 };

@@ -23,7 +23,7 @@ fn rays(transform: &Affine) -> Vec<Ray> {
         .map(|k| {
             let target = transform.to_world(f64::from(N) * (0.25 + 0.5 * at(k)));
             let direction = (at(k + 100) - 0.5).normalize();
-            Ray { origin: target - 40.0 * direction, direction }
+            Ray::new(target - 40.0 * direction, direction)
         })
         .collect()
 }
@@ -60,7 +60,7 @@ fn early_stops_are_off_by_no_more_than_is_said() {
         let mut off = 0.0_f64;
         for k in 0..20 {
             let direction = DVec3::new(1.0, 0.3 * noise(k), 0.2 * noise(k + 50)).normalize();
-            let ray = Ray { origin: DVec3::new(-5.0, 90.0 * noise(k + 70), 90.0 * noise(k + 90)), direction };
+            let ray = Ray::new(DVec3::new(-5.0, 90.0 * noise(k + 70), 90.0 * noise(k + 90)), direction);
             let [a, b] = [&whole, &ended].map(|renderer| renderer.pixel_on(&ray, &mut Tape::default()).rgba());
             off = (0..4).fold(off, |most, c| most.max((a[c] - b[c]).abs()));
         }
@@ -217,9 +217,8 @@ fn rays_are_followed_as_differences_say() {
         for transform in [odd(), unit()] {
             rays_are_followed(&volume::<f64>(thick, transform), &rays(&transform));
         }
-        let along =
-            DVec3::AXES.map(|direction| Ray { origin: DVec3::new(8.3, 9.2, 8.7) - 30.0 * direction, direction });
-        let within = Ray { origin: DVec3::new(8.3, 9.2, 8.7), direction: DVec3::new(0.6, -0.48, 0.64) };
+        let along = DVec3::AXES.map(|direction| Ray::new(DVec3::new(8.3, 9.2, 8.7) - 30.0 * direction, direction));
+        let within = Ray::new(DVec3::new(8.3, 9.2, 8.7), DVec3::new(0.6, -0.48, 0.64));
         rays_are_followed(&volume::<f64>(thick, unit()), &[along[0], along[1], along[2], within]);
     }
 }
@@ -250,7 +249,7 @@ fn along_itself_a_ray_stays() {
 #[test]
 fn a_grazed_face_does_no_harm() {
     let (single, double) = (volume::<f32>(0.3, unit()), volume::<f64>(0.3, unit()));
-    let ray = |y: f64, tilt: f64| Ray { origin: DVec3::new(-30.0, y, 8.7), direction: DVec3::new(1.0, tilt, 0.0) };
+    let ray = |y: f64, tilt: f64| Ray::new(DVec3::new(-30.0, y, 8.7), DVec3::new(1.0, tilt, 0.0));
     let [low, high] = [-1e-7, 1e-7].map(|d| followed(&double, &ray(9.0 + d, 0.0)).0.origin);
     for tilt in [0.0, 1e-17, -1e-17, 1e-12, -1e-9] {
         // Somewhere in the volume it crosses y = 9.
@@ -319,7 +318,7 @@ fn cameras_and_background_have_the_derivatives_of_differences() {
 fn a_ray_that_misses_has_no_derivative() {
     let volume = volume::<f64>(1.0, unit());
     for origin in [DVec3::new(-50.0, 100.0, 5.0), DVec3::new(50.0, 5.0, 5.0)] {
-        let (by, background) = followed(&volume, &Ray { origin, direction: DVec3::X });
+        let (by, background) = followed(&volume, &Ray::new(origin, DVec3::X));
         assert_eq!((by, background), (RayGradient::default(), [0, 1, 2].map(|c| WEIGHTS[c])));
     }
 }

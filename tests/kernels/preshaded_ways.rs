@@ -136,7 +136,7 @@ fn tangents_are_those_of_differences() {
                     let direction = (ray.direction + h * across(&step.ray)).normalize();
                     let seen = Preshaded::<f64>::new(&moved)
                         .over([0.5; 3])
-                        .pixel_on(&Ray { origin, direction }, &mut Tape::default());
+                        .pixel_on(&Ray::new(origin, direction), &mut Tape::default());
                     let behind = seen.transmittance * h;
                     let rgb: [f64; 3] = std::array::from_fn(|c| seen.rgb[c] + behind * step.shared.background[c]);
                     [rgb[0], rgb[1], rgb[2], 1.0 - seen.transmittance]
@@ -202,7 +202,7 @@ fn only_the_inversion_breaks_where_all_is_opaque() {
 fn what_misses_the_volume_sees_the_background() {
     let volume = tinted::<f64>(20, 1.0, unit());
     let renderer = Preshaded::<f64>::new(&volume).over(BACKGROUND);
-    let ray = Ray { origin: volume.world_bounds().max + 10.0, direction: DVec3::X };
+    let ray = Ray::new(volume.world_bounds().max + 10.0, DVec3::X);
     let steps = steps::<f64>(&volume);
     let seen = renderer.jvp::<6>(&ray, &seeds(&steps), &mut Tape::default());
     assert_eq!(seen.pixel(), renderer.pixel_on(&ray, &mut Tape::default()));

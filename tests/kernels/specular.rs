@@ -61,7 +61,7 @@ fn surfaces_in_equilibrium_are_as_bright_as_their_source() {
 #[test]
 fn a_black_wall_has_the_closed_form_of_its_reflection() {
     let field = field::<f32>(33, unit(), |p| p.z);
-    let ray = Ray { origin: DVec3::new(16.2, 15.7, -5.0), direction: DVec3::Z };
+    let ray = Ray::new(DVec3::new(16.2, 15.7, -5.0), DVec3::Z);
     let sun = Light::Sun { direction: -DVec3::Z, irradiance: Vec3::ONE, angle: 0.0 };
     for (reflectance, roughness) in [(0.04, 0.2), (0.5, 0.4)] {
         let medium = shiny(0.2, [0.0; 3], 1e-4, Specular { reflectance, roughness });

@@ -171,7 +171,7 @@ fn the_identity_holds<R: Directions<2>>(fields: &[Bricks<R>], relative: f64) {
     let mut worst = 0.0_f64;
     for f in fields {
         let mut rays = rays(f.world_bounds(), 12, 5);
-        rays.push(Ray { origin: f.world_bounds().centre(), direction: DVec3::new(0.3, 0.5, 0.8).normalize() });
+        rays.push(Ray::new(f.world_bounds().centre(), DVec3::new(0.3, 0.5, 0.8).normalize()));
         let steps = Source::Transfer(Arc::new(steps().table().unwrap()));
         for source in sources().into_iter().chain([steps]) {
             let medium = Medium::new(0.8, source);
@@ -238,7 +238,7 @@ fn directions_do_not_see_each_other() {
 fn what_misses_the_volume_sees_the_background() {
     let f: Bricks<f64> = cloud(14);
     let dvr = dvr(&f, Medium::absorbing(1.0), Quadrature::Exact);
-    let ray = Ray { origin: f.world_bounds().max + 10.0, direction: DVec3::X };
+    let ray = Ray::new(f.world_bounds().max + 10.0, DVec3::X);
     let mut seeds: Seeds<'_, f64, 2> = Seeds::default();
     seeds.shared[1].background = [1.0, 2.0, 3.0];
     seeds.shared[0].extinction = 1.0;
@@ -287,10 +287,7 @@ fn tangents_match_central_differences() {
                     moved.values.iter_mut().zip(&voxels).for_each(|(v, by)| *v += only(3) * by);
                     let changed: Vec<f64> = parameters.iter().zip(&by).map(|(v, by)| v + only(4) * by).collect();
                     let source = of(&transfer.with_parameters(&changed));
-                    let ray = Ray {
-                        origin: ray.origin + only(0) * o,
-                        direction: (ray.direction + only(1) * across).normalize(),
-                    };
+                    let ray = Ray::new(ray.origin + only(0) * o, (ray.direction + only(1) * across).normalize());
                     let medium = Medium::new(0.8 + only(5), source);
                     dvr(&moved, medium, stepped(rule, only(2))).pixel(&ray).rgba()
                 };
@@ -349,7 +346,7 @@ fn pixels_follow_their_camera() {
     for (x, y) in [(16.5, 12.5), (10.2, 8.9), (20.5, 15.5), (25.0, 6.0)] {
         let mut seeds: Seeds<'_, f64, 7> = Seeds::default();
         for p in 0..7 {
-            let Ray { origin, direction } = camera.tangent(x, y, &by(p));
+            let Ray { origin, direction, .. } = camera.tangent(x, y, &by(p));
             seeds.ray[p] = RayGradient { origin, direction, step: 0.0 };
         }
         let found = dvr.jvp(&camera.ray(x, y), &seeds, &mut Tape::default()).rgba();

@@ -83,7 +83,7 @@ fn fine(f: &Bricks<f64>, medium: &Medium, ray: &Ray) -> [f64; 4] {
     let Source::Transfer(table) = &medium.source else { unreachable!() };
     let to_index = |p: DVec3| f.transform.to_index(p);
     let (o, d) = (to_index(ray.origin), f.transform.vector_to_index(ray.direction));
-    let Some((enter, leave)) = f.domain.clip(&Ray { origin: o, direction: d }) else {
+    let Some((enter, leave)) = f.domain.clip(&Ray::new(o, d)) else {
         return [BACKGROUND[0].into(), BACKGROUND[1].into(), BACKGROUND[2].into(), 0.0];
     };
     let (n, mut depth, mut rgb) = (40_000, 0.0_f64, [0.0; 3]);
@@ -206,7 +206,7 @@ fn entry_and_exit_move_with_the_ray() {
     let mut f: Bricks<f64> = field(16, unit(), |p| 0.5 + 0.02 * p.x + 0.01 * p.y * p.z / 16.0);
     f.domain = Aabb { min: DVec3::splat(0.0), max: DVec3::splat(15.0) };
     let mut rays = rays(f.world_bounds(), 20, 9);
-    rays.push(Ray { origin: DVec3::new(7.1, 6.4, 3.2), direction: DVec3::new(0.3, 0.5, 0.8).normalize() });
+    rays.push(Ray::new(DVec3::new(7.1, 6.4, 3.2), DVec3::new(0.3, 0.5, 0.8).normalize()));
     let transfer = Transfer::Piecewise { points: vec![[0.0, 1.0, 0.2, 0.1, 0.05], [1.0, 0.2, 0.8, 0.6, 0.4]] };
     let both = [Adjoint::Replay, Adjoint::Inversion];
     let mut ways: Vec<_> = RULES.into_iter().flat_map(|rule| both.map(|adjoint| (rule, adjoint, 0.5))).collect();
@@ -346,7 +346,7 @@ fn plain_steps(draw: &Draw, ray: &Ray, step: f64, phase: f64) -> [f64; 4] {
     let (f, Source::Transfer(table)) = (&draw.field, &draw.medium.source) else { unreachable!() };
     let (o, d) = (f.transform.to_index(ray.origin), f.transform.vector_to_index(ray.direction));
     let (mut rgb, mut depth) = ([0.0; 3], 0.0_f64);
-    if let Some((enter, leave)) = f.domain.clip(&Ray { origin: o, direction: d }) {
+    if let Some((enter, leave)) = f.domain.clip(&Ray::new(o, d)) {
         let h = step * f.transform.voxel_size().min_element();
         let count = ((leave - enter) / h).ceil() as i64;
         for k in 0..count {
@@ -618,7 +618,7 @@ fn preintegrated_slabs_have_their_closed_form() {
     fn seen<R: Precision>(density: f64, medium: &Medium) -> [f64; 4] {
         let mut f: Bricks<R> = field(24, unit(), |_| density);
         f.domain = Aabb { min: DVec3::splat(3.0), max: DVec3::splat(19.0) };
-        let ray = Ray { origin: DVec3::new(-3.0, 7.3, 6.8), direction: DVec3::X };
+        let ray = Ray::new(DVec3::new(-3.0, 7.3, 6.8), DVec3::X);
         dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).pixel(&ray).rgba().map(Real::f64)
     }
     let step = Transfer::Piecewise {
@@ -680,7 +680,7 @@ fn densities_as_large_as_they_may_be() {
 #[test]
 fn nothing_is_missed_between_samples() {
     let f: Bricks<f64> = field(16, unit(), |p| p.x / 15.0);
-    let ray = Ray { origin: DVec3::new(-3.0, 7.3, 6.8), direction: DVec3::X };
+    let ray = Ray::new(DVec3::new(-3.0, 7.3, 6.8), DVec3::X);
     let spike = |width: f64| Transfer::Piecewise {
         points: vec![
             [0.5 - width, 1.0, 1.0, 1.0, 0.0],
@@ -744,7 +744,7 @@ fn replay_of_long_rays_is_the_tape() {
     let mut rays = rays(f.world_bounds(), 5, 9);
     // From corner to corner: some four hundred nodes.
     let (corner, along) = (f.world_bounds().min, f.world_bounds().size().normalize());
-    rays.push(Ray { origin: corner - 5.0 * along, direction: along });
+    rays.push(Ray::new(corner - 5.0 * along, along));
     let transfer = kinds().swap_remove(0);
     let medium = medium(&transfer, 0.01);
     let by = |adjoint| gradient(&f, &medium, Quadrature::PREINTEGRATED, adjoint, &rays);
@@ -783,7 +783,7 @@ fn steps_have_their_closed_form() {
         let point = |[r, g, b, s]: [f64; 4]| [0.4, r, g, b, s];
         let medium = medium(&Transfer::Piecewise { points: vec![point(below), point(above)] }, 1.0);
         let Source::Transfer(table) = &medium.source else { unreachable!() };
-        let ray = Ray { origin: DVec3::new(-2.0, 7.3, 6.8), direction: DVec3::X };
+        let ray = Ray::new(DVec3::new(-2.0, 7.3, 6.8), DVec3::X);
         let (met, length) = (0.4 / RISE, 23.0);
         let (near, far) = ((-below[3] * met).exp(), (-above[3] * (length - met)).exp());
         let dvr = dvr(&f, medium.clone(), rule);

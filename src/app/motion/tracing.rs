@@ -126,7 +126,8 @@ impl Tracing {
         };
         let [before, camera, after] = &self.cameras[at];
         let tracer = PathTracer::new(scene)?.background([0.0; 3]);
-        let view = View { camera, before: Some(before), after: Some(after), velocities: &scene.velocities };
+        let view =
+            View { camera, before: Some(before), after: Some(after), holdout: None, velocities: &scene.velocities };
         let sampling = Sampling::random(self.choices.samples.unwrap_or(SAMPLES), number.into());
         let rendered = film::render(&tracer, view, sampling, &[Aov::Motion], cancel);
         Ok(rendered.ok_or_else(Error::cancelled)?.film)

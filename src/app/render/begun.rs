@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 /// Settings on which the expected values of a picture do not depend, or whose content is known otherwise: that of its
 /// inputs by their bytes, that of its view by its camera and its number.
-const APART: [&str; 28] = [
+const APART: [&str; 29] = [
     "output",
     "overwrite",
     "png",
@@ -37,6 +37,7 @@ const APART: [&str; 28] = [
     "confidence",
     "input",
     "cameras",
+    "holdout",
     "views",
     "from",
     "azimuth",

@@ -80,7 +80,8 @@ impl Sequence<'_> {
         }
         // The picture itself names what lies behind a scene or a stage.
         let cameras = self.provenance.inputs.keys().map(PathBuf::from);
-        let needs: Vec<PathBuf> = pictures.files().into_iter().chain(cameras).collect();
+        let others = cameras.chain(self.render.holdout.file(number));
+        let needs: Vec<PathBuf> = pictures.files().into_iter().chain(others).collect();
         self.policy().left(&self.render.files_of(path), &needs)
     }
 

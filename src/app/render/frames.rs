@@ -4,6 +4,7 @@
 use super::accuracy::{AccuracyReport, Deadline, PictureError};
 use super::begun::{Pictured, is_stopped};
 use super::blur::grain;
+use super::holdout::hides_all;
 use super::sequence::{Done, Sequence, Shot};
 use super::target::Target;
 use super::visibility::Visibility;
@@ -35,6 +36,7 @@ use crate::render::integrator::Counts;
 use crate::render::renderer::Renderer;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
+use crate::scene::holdout::Holdout;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -385,6 +387,13 @@ impl Sequence<'_> {
         Ok(Shot { capture, scales, scene, focus, colors, plan, provenance, paths, moving })
     }
 
+    /// Remarks once on depths at which all is hidden.
+    fn note_hidden(&mut self, holdout: Option<&Holdout>, context: &Context) {
+        if let Some(remark) = holdout.and_then(hides_all).filter(|remark| self.remarks.insert(remark.clone())) {
+            context.note(format!("remark: {remark}"));
+        }
+    }
+
     pub(super) fn camera(&self, place: usize) -> Camera {
         self.cameras[place.min(self.cameras.len() - 1)][1]
     }
@@ -403,16 +412,23 @@ impl Sequence<'_> {
             _ => Arc::new(self.shot(place, number, context)?),
         };
         let shot = Arc::clone(self.shot.insert(shot));
-        let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
+        let [before, camera, after] = self.cameras[place.min(self.cameras.len() - 1)];
         let (plan, scene) = (shot.plan.as_ref(), (&shot.scene, shot.paths));
-        let renderer = self.render.renderer(&self.pictures, plan, scene, &[*camera], &self.cancel)?;
-        let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
+        let renderer = self.render.renderer(&self.pictures, plan, scene, &[camera], &self.cancel)?;
+        let stated = self.template.as_ref().and_then(|c| c.frames.first());
+        let holdout = self.render.held_out(number, stated)?;
+        let whole = self.pictures.whole(self.target, stated);
+        self.note_hidden(holdout.as_ref(), context);
+        let mut provenance = shot.provenance.clone();
+        provenance.files(self.render.holdout.file(number).as_deref())?;
+        let (before, after, holdout) = (Some(&before), Some(&after), holdout.as_ref());
+        let view = View { camera: &camera, before, after, holdout, velocities: &shot.scene.velocities };
         self.render.accuracy.check_paths(matches!(renderer.renderer, Renderer::Paths(_)))?;
         let pictured = Pictured {
-            provenance: &shot.provenance,
+            provenance: &provenance,
             pictures: &self.pictures,
             number: number as usize,
-            camera,
+            camera: &camera,
             scene: &shot.scene,
             focus: shot.focus,
         };
@@ -421,10 +437,9 @@ impl Sequence<'_> {
         let (rendered, error) = self.render.picture(&renderer, view, earlier, (&self.cancel, progress), context)?;
         let Rendered { film, counts } = rendered;
         self.visibility.add(&film);
-        self.inputs.extend(shot.provenance.inputs.clone());
+        self.inputs.extend(provenance.inputs.clone());
         let mut attributes = pictured.attributes(self.render, &renderer, (&film, error.as_ref()));
         attributes.insert("cumulo:frame".into(), number.to_string());
-        let whole = self.pictures.whole(self.target, self.template.as_ref().and_then(|c| c.frames.first()));
         self.refused = self.place(path, |files| pictured.write(self.render, files, (&film, attributes), whole))?;
         // A frame that was stopped is there to go on from, and the last.
         match self.refused.is_some() || error.as_ref().is_some_and(PictureError::is_stopped) {

@@ -6,6 +6,7 @@ mod blur;
 mod denoised;
 mod folder;
 mod frames;
+mod holdout;
 mod job;
 mod joined;
 mod merge;
@@ -20,6 +21,7 @@ pub use accuracy::AccuracySettings;
 pub use blur::BlurSettings;
 pub use denoised::DenoisedReport;
 pub use frames::FramesReport;
+pub use holdout::HoldoutSettings;
 pub use merge::{MergeReport, MergeSettings};
 pub use views::ViewsReport;
 
@@ -108,6 +110,9 @@ pub struct RenderSettings {
     /// Blur by the aperture of the camera and by its motion.
     #[serde(flatten)]
     pub blur: BlurSettings,
+    /// Objects that hide what is behind them.
+    #[serde(flatten)]
+    pub holdout: HoldoutSettings,
     /// Error or time of path-traced pictures.
     #[serde(flatten)]
     pub accuracy: AccuracySettings,
@@ -132,6 +137,7 @@ impl Default for RenderSettings {
             velocity: None,
             fps: 24.0,
             blur: BlurSettings::default(),
+            holdout: HoldoutSettings::default(),
             accuracy: AccuracySettings::default(),
             pictures: PictureSettings::default(),
         }
@@ -189,10 +195,12 @@ impl RenderSettings {
     }
 
     fn begun_at(&self, begun: Instant, context: &Context) -> Result<RenderReport> {
-        let _inputs = inputs::protect(self.pictures.inputs(), self.pictures.limits);
+        let inputs = self.pictures.inputs().into_iter().chain(self.holdout.holdout.as_deref());
+        let _inputs = inputs::protect(inputs, self.pictures.limits);
         self.pictures.check()?;
         ranges::positive("fps", self.fps)?;
         self.blur.check(self.is_sequence())?;
+        self.holdout.check()?;
         self.accuracy.check(&self.pictures)?;
         if let Some(input) = self.pictures.sequence_of_folder()? {
             let pictures = PictureSettings { input, ..self.pictures.clone() };

@@ -70,10 +70,12 @@ impl PictureSettings {
     /// Returns the size of the whole picture that a part goes to a file of; `None` in a folder, whose capture's cameras
     /// are those of the part. `stated` is the view as `cameras` states it.
     pub(super) fn whole(&self, target: Target<'_>, stated: Option<&Frame>) -> Option<[usize; 2]> {
-        matches!(target, Target::File(_)).then(|| {
-            let size = stated.map_or(self.size.unwrap_or(SIZE), |f| [f.camera.width, f.camera.height]);
-            size.map(|side| side as usize)
-        })
+        matches!(target, Target::File(_)).then(|| self.whole_size(stated).map(|side| side as usize))
+    }
+
+    /// Returns the size of the whole picture of a view, which `cameras` may state.
+    pub(super) fn whole_size(&self, stated: Option<&Frame>) -> [u32; 2] {
+        stated.map_or(self.size.unwrap_or(SIZE), |f| [f.camera.width, f.camera.height])
     }
 }
 

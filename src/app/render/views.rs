@@ -3,6 +3,7 @@
 use super::accuracy::{AccuracyReport, Deadline, PictureError, Turn};
 use super::begun::Pictured;
 use super::blur::grain;
+use super::holdout::hides_all;
 use super::target::Target;
 use super::visibility::Visibility;
 use super::{RenderSettings, fits, straight};
@@ -24,11 +25,12 @@ use crate::formats::png::ToneMapping;
 use crate::formats::transforms::FILE_NAME;
 use crate::ordered;
 use crate::plan::Plan;
-use crate::render::film::Rendered;
+use crate::render::film::{Rendered, View};
 use crate::render::integrator::Counts;
 use crate::render::renderer::Renderer;
 use crate::scene::aim;
 use crate::scene::capture::{Capture, Frame, Model};
+use crate::scene::holdout::Holdout;
 use crate::scene::scene::Scene;
 use crate::wording::all_worded;
 use glam::DVec3;
@@ -177,6 +179,8 @@ pub(super) struct Views<'v> {
     pub numbers: Vec<usize>,
     /// Size of the whole picture that a part goes to a file of.
     whole: Option<[usize; 2]>,
+    /// What stands in the way of each camera.
+    holdouts: Vec<Option<Holdout>>,
     pub capture: Capture,
     scales: DensityScales,
     up: Option<ChosenUp>,
@@ -246,6 +250,12 @@ impl RenderSettings {
         pictures.scattering.check(paths)?;
         let whole = pictures.whole(target, template.as_ref().and_then(|c| c.frames.get(numbers[0])));
         remarks.extend(capture.frames.iter().find_map(|frame| grain(&frame.camera, paths, pictures.supersample)));
+        let of_view = |number: &usize| template.as_ref().and_then(|c| c.frames.get(*number));
+        let holdout = |number: &usize| self.held_out(*number as u32, of_view(number));
+        let holdouts = numbers.iter().map(holdout).collect::<Result<Vec<_>>>()?;
+        let files: Vec<PathBuf> = numbers.iter().filter_map(|number| self.holdout.file(*number as u32)).collect();
+        provenance.files(files.iter().map(PathBuf::as_path))?;
+        remarks.extend(holdouts.iter().flatten().find_map(hides_all));
         remarks.iter().for_each(|remark| context.note(format!("remark: {remark}")));
         let scales = DensityScales::of(&subject, capture.density_scale);
         let colors = subject.colors().cloned();
@@ -254,6 +264,7 @@ impl RenderSettings {
             target,
             numbers,
             whole,
+            holdouts,
             capture,
             scales,
             up,
@@ -365,12 +376,13 @@ impl Views<'_> {
         (bar, visibility): (&Stage, &Visibility),
         context: &Context,
     ) -> Result<Made> {
-        let Self { settings, numbers, whole, provenance, capture, cancel, .. } = self;
+        let Self { settings, numbers, whole, holdouts, provenance, capture, cancel, .. } = self;
         let (progress, camera, number) = (bar.picture(), &scene.cameras[place], numbers[place]);
         let focus = settings.pictures.focus(scene);
         let pictured = Pictured { provenance, pictures: &settings.pictures, number, camera, scene, focus };
         let earlier = pictured.begun(settings, &capture.frames[place].picture);
-        let view = (number, camera.into(), turn);
+        let view = View { holdout: holdouts[place].as_ref(), ..camera.into() };
+        let view = (number, view, turn);
         let (rendered, error) = settings.picture(renderer, view, earlier, (cancel, &progress), context)?;
         let Rendered { film, counts } = rendered;
         visibility.add(&film);

@@ -4,6 +4,7 @@ pub(crate) mod accuracy;
 pub(crate) mod aim;
 pub(crate) mod blur;
 pub(crate) mod frames;
+pub(crate) mod holdout;
 pub(crate) mod pictures;
 pub(crate) mod refinement;
 pub(crate) mod region;

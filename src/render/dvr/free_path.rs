@@ -56,7 +56,7 @@ impl pulp::NullaryFnOnce for Walk<'_, '_> {
         let Self { dvr, ray, length, limit, tape } = self;
         let Some(enter) = dvr.index_ray(ray).map(|ray| ray.enter) else { return TracedRay::NOTHING };
         // From the entry on, single precision resolves positions however far the camera is.
-        let inner = Ray { origin: ray.at(enter), direction: ray.direction };
+        let inner = Ray::new(ray.at(enter), ray.direction);
         let Some(mut inner) = dvr.index_ray(&inner) else { return TracedRay::NOTHING };
         inner.leave = inner.leave.min(length - enter);
         let depth = match &dvr.compiled {
@@ -374,7 +374,7 @@ mod tests {
             for k in 0..2000 {
                 let turn = f64::from(k) * 2.4;
                 let from = DVec3::new(turn.cos(), turn.sin(), (0.7 * turn).sin()).normalize();
-                let ray = Ray { origin: field.transform.to_world(DVec3::splat(12.0)), direction: from };
+                let ray = Ray::new(field.transform.to_world(DVec3::splat(12.0)), from);
                 for u in [0.0, 1e-12, 0.5, 1.0 - 1e-9, 1.0 - f64::EPSILON, 1.0] {
                     let walked = dvr.walk(&ray, &mut tape);
                     let found = walked.collision(u).and_then(|depth| dvr.locate(&walked, depth, &mut tape));
@@ -405,7 +405,7 @@ mod tests {
                     let turn = f64::from(k) * 2.4;
                     let from = DVec3::new(turn.cos(), turn.sin(), (0.7 * turn).sin());
                     let centre = field.transform.to_world(DVec3::splat(12.0));
-                    let ray = Ray { origin: centre + 10.0 * from, direction: -(from + 0.1 * DVec3::Y).normalize() };
+                    let ray = Ray::new(centre + 10.0 * from, -(from + 0.1 * DVec3::Y).normalize());
                     let u = (f64::from(k) + 0.5) / 300.0;
                     let walked = dvr.walk(&ray, &mut tape);
                     let collision = walked.collision(u).and_then(|depth| dvr.locate(&walked, depth, &mut tape));

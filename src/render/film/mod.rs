@@ -196,7 +196,7 @@ impl<I: Integrator> Shoot<'_, '_, I> {
                 break;
             }
             let shot = sampling.shot(at, number, planes.in_halves);
-            let ray = shot.ray(view.camera);
+            let ray = view.held_out(shot.ray(view.camera), shot.place);
             let Shot { place, half, seed, pixel: in_whole, paths, .. } = shot;
             let primary = integrator.primary(&ray, scratch);
             let mut of_ray = [0.0; 4];

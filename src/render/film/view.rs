@@ -1,7 +1,9 @@
 //! The view that a picture shows: its camera, and what moves from frame to frame.
 
+use crate::math::Ray;
 use crate::render::integrator::First;
 use crate::scene::camera::Camera;
+use crate::scene::holdout::Holdout;
 use crate::scene::velocity::Velocity;
 use glam::{DVec2, DVec3};
 
@@ -14,6 +16,8 @@ pub struct View<'c> {
     pub before: Option<&'c Camera>,
     /// Camera of the frame after, if there is one.
     pub after: Option<&'c Camera>,
+    /// What stands in the camera's way, if anything does.
+    pub holdout: Option<&'c Holdout>,
     /// Velocities of volumes, by the volume's number; others are at rest.
     pub velocities: &'c [(usize, Velocity)],
 }
@@ -21,11 +25,18 @@ pub struct View<'c> {
 impl<'c> From<&'c Camera> for View<'c> {
     /// Creates the view of a picture that stands alone.
     fn from(camera: &'c Camera) -> Self {
-        Self { camera, before: None, after: None, velocities: &[] }
+        Self { camera, before: None, after: None, holdout: None, velocities: &[] }
     }
 }
 
 impl View<'_> {
+    /// Returns a camera's ray, which was drawn at a place of the picture in pixels, up to what stands in its way.
+    #[inline(always)]
+    pub(super) fn held_out(&self, ray: Ray, place: DVec2) -> Ray {
+        let far = self.holdout.map_or(f64::INFINITY, |holdout| holdout.far(self.camera, place, &ray));
+        Ray { far, ..ray }
+    }
+
     /// Returns how a collision that is seen at `now` moves in the picture with its volume: its place in the frame
     /// before minus that now, and its place now minus that in the frame after, in pixels to the right and upwards. In a
     /// picture that is blurred it is that of a sharp one.

@@ -53,6 +53,9 @@ impl Glow for Flames<'_> {
             let walked = strength.walk(ray, &mut scratch.tape);
             let depth = sampler.uniform() * walked.depth;
             let Some((distance, _)) = strength.locate(&walked, depth, &mut scratch.tape) else { continue };
+            if distance > ray.far {
+                continue;
+            }
             let radiance = at(emission, ray.at(distance));
             let mean = radiance.element_sum() / 3.0;
             if mean > 0.0 {

@@ -62,6 +62,8 @@ pub struct Primary {
     depths: DVec3,
     /// Radiance of the grid beside the media, where kernels ask for it.
     emitted: Vec3,
+    /// Transmittance by channel to the end of a ray that was walked beyond it.
+    to_end: Option<Vec3>,
 }
 
 /// How far paths go.
@@ -115,7 +117,11 @@ impl<M: Media> Kernel for M {
     }
 
     fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary {
-        Media::primary(self, ray, scratch)
+        let mut primary = Media::primary(self, ray, scratch);
+        if ray.ends() && primary.walked.is_some() {
+            primary.to_end = Some((-Media::optical_depth(self, ray, scratch)).map(f64::exp).as_vec3());
+        }
+        primary
     }
 
     fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> f64 {
@@ -274,8 +280,14 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
     #[inline(always)]
     fn call(self) -> Sample {
         let Self { media, lighting, limits, dark, ray, primary, sampler, scratch } = self;
-        let Visible { transmittance, collision, spare } = media.first(ray, primary, sampler, scratch);
-        let unscattered = transmittance * lighting.background(ray.direction);
+        let Visible { mut transmittance, mut collision, spare } = media.first(ray, primary, sampler, scratch);
+        let mut unscattered = transmittance * lighting.background(ray.direction);
+        if ray.ends() {
+            // Collisions beyond the end are drawn and count for nothing, so that all others are those of the whole ray.
+            transmittance = primary.to_end.unwrap_or(transmittance);
+            collision = collision.filter(|(collision, _)| collision.distance <= ray.far);
+            unscattered = Vec3::ZERO;
+        }
         let mut out = Sample { unscattered, transmittance: mean(transmittance), ..Sample::default() };
         if M::GLOWS && !dark {
             out.unscattered += media.emitted(ray, Some(primary), sampler, scratch);
@@ -319,7 +331,7 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
                 (!NEAR || counts > 0.0).then_some((arrival, counts))
             });
             if let Some((arrival, counts)) = arriving {
-                let toward = Ray { origin: at, direction: arrival.direction };
+                let toward = Ray::new(at, arrival.direction);
                 let scattered = phase.value(ray.direction, arrival.direction);
                 scratch.counts.shadow_rays += 1;
                 let transmittance = media.transmittance(&toward, arrival.distance, sampler, scratch);
@@ -337,7 +349,7 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
             if colored {
                 weight *= phase.tint(albedo, ray.direction, direction);
             }
-            (ray, drawn) = (Ray { origin: at, direction }, Some(density));
+            (ray, drawn) = (Ray::new(at, direction), Some(density));
             if M::GLOWS && !dark {
                 out.indirect += weight * media.emitted(&ray, None, sampler, scratch);
             }

@@ -85,7 +85,7 @@ pub(super) trait Media: Sync + Send {
     ) -> Vec3 {
         self.transmittance(ray, length, sampler, scratch)
     }
-    /// Returns the part of a world ray of unit direction that is within the bounds of the media.
+    /// Returns the part of a world ray of unit direction that is within the bounds of the media, wherever the ray ends.
     fn range(&self, ray: &Ray) -> Option<(f64, f64)>;
     /// Returns the extinction at a world position, the mean of the channels.
     fn extinction(&self, at: DVec3) -> f64;
@@ -267,7 +267,7 @@ impl<O: DensityMedium, P> One<'_, O, P> {
             },
         );
         let Some((start, depth)) = dense else { return found };
-        let rest = Ray { origin: ray.at(start), direction: ray.direction };
+        let rest = Ray::new(ray.at(start), ray.direction);
         let found = self.dvr.collision_at(&rest, depth.into(), limit - start, &mut scratch.tape);
         found.map(|(distance, density)| (start + distance, density))
     }
@@ -303,7 +303,7 @@ impl<O: DensityMedium, P> One<'_, O, P> {
             },
         );
         let Some((start, _)) = dense else { return product };
-        let rest = Ray { origin: ray.at(start), direction: ray.direction };
+        let rest = Ray::new(ray.at(start), ray.direction);
         product * self.quadrature(&rest, length - start, sampler, scratch)
     }
 }
@@ -373,8 +373,8 @@ impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
 
     #[inline(always)]
     fn range(&self, ray: &Ray) -> Option<(f64, f64)> {
-        let field = self.dvr.field();
-        IndexRay::new(&field.domain, &field.transform, ray).map(|ray| (ray.enter, ray.leave))
+        let (field, whole) = (self.dvr.field(), Ray::new(ray.origin, ray.direction));
+        IndexRay::new(&field.domain, &field.transform, &whole).map(|ray| (ray.enter, ray.leave))
     }
 
     #[inline(always)]
@@ -541,7 +541,7 @@ mod tests {
             (Medium::absorbing(0.2), 1e6),
             (Medium::new(0.1, function), 0.3),
         ];
-        let oblique = Ray { origin: DVec3::new(-2.0, 1.0, 6.5), direction: DVec3::new(1.0, 0.2, -0.15).normalize() };
+        let oblique = Ray::new(DVec3::new(-2.0, 1.0, 6.5), DVec3::new(1.0, 0.2, -0.15).normalize());
         for (medium, spike) in cases {
             let field = plume(spike);
             let one = any(&field, &medium).unwrap();

@@ -137,7 +137,7 @@ impl Lighting {
             return Vec3::ZERO;
         }
         let turned = directions.density(direction);
-        let draw = Draw { ray: Ray { origin: at, direction }, primary: None, number, of_light, u, turned, phase };
+        let draw = Draw { ray: Ray::new(at, direction), primary: None, number, of_light, u, turned, phase };
         let found = self.drawn(media, &draw, sampler, scratch).unwrap_or(Vec3::ZERO);
         if M::Phase::COLORED { found * tint } else { found }
     }
@@ -155,6 +155,9 @@ impl Lighting {
         let (place, within) = anchor(light, *of_light)?;
         let points = Equiangular::new(ray, media.range(ray)?, place, [within.max(self.near.least), within + reach])?;
         let distance = points.draw(*u);
+        if distance > ray.far {
+            return None;
+        }
         let at = ray.at(distance);
         scratch.counts.lookups += 1;
         let extinction = media.extinction(at);
@@ -180,7 +183,7 @@ impl Lighting {
         if scattered == Vec3::ZERO {
             return None;
         }
-        let toward = Ray { origin: at, direction: arrival.direction };
+        let toward = Ray::new(at, arrival.direction);
         scratch.counts.shadow_rays += 1;
         let transmittance = media.transmittance(&toward, arrival.distance, sampler, scratch);
         if transmittance == Vec3::ZERO {

@@ -1,0 +1,125 @@
+//! Objects that hide what is behind them, from depth pictures of other renderers.
+
+use super::RenderSettings;
+use crate::app::sequence::pattern;
+use crate::error::{Code, Error, Result};
+use crate::formats::exr::{self, Header, LayerInfo};
+use crate::formats::limits::Limits;
+use crate::scene::capture::Frame;
+use crate::scene::holdout::{DepthMeasure, Holdout};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Advice where no layer is that of depths.
+const NAME_ONE: &str = "name the layer that has the depths with ⟨holdout_layer⟩";
+
+/// Settings of holdouts.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct HoldoutSettings {
+    /// EXR with the depths of the objects that hide what is behind them, or those of frames, such as depth.####.exr;
+    /// none if nothing stands in the way.
+    #[serde(skip_serializing_if = "Option::is_none", with = "crate::app::paths")]
+    pub holdout: Option<PathBuf>,
+    /// Layer that has the depths; none for the only one that is plainly that.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub holdout_layer: Option<String>,
+    /// What the depths measure.
+    pub holdout_depth: DepthMeasure,
+}
+
+impl HoldoutSettings {
+    /// Refuses settings that contradict each other.
+    pub(super) fn check(&self) -> Result<()> {
+        let others = self.holdout_layer.is_some() || self.holdout_depth != DepthMeasure::default();
+        if self.holdout.is_none() && others {
+            return Err(Error::invalid("⟨holdout_layer⟩ and ⟨holdout_depth⟩ tell of depths, and none are given")
+                .coded(Code::Usage)
+                .hint("give the picture of depths: ⟨holdout⟩"));
+        }
+        Ok(())
+    }
+
+    /// Returns the file with the depths for the view or frame of a number.
+    pub(super) fn file(&self, number: u32) -> Option<PathBuf> {
+        let path = self.holdout.as_ref()?;
+        Some(pattern(path).map_or_else(|| path.clone(), |pattern| pattern.path(number)))
+    }
+}
+
+impl RenderSettings {
+    /// Reads what stands in the way of the camera of a view or frame; none if nothing does. `stated` is the view as
+    /// `cameras` states it.
+    ///
+    /// # Errors
+    /// If the depths cannot be read or do not fit the picture.
+    pub(super) fn held_out(&self, number: u32, stated: Option<&Frame>) -> Result<Option<Holdout>> {
+        let HoldoutSettings { holdout_layer, holdout_depth, .. } = &self.holdout;
+        let Some(path) = self.holdout.file(number) else { return Ok(None) };
+        let limits = self.pictures.limits;
+        let (size, depths) = depths(&path, holdout_layer.as_deref(), limits).map_err(|e| e.at(&path))?;
+        let view = (self.pictures.whole_size(stated), self.pictures.crop);
+        Holdout::new(size, depths, *holdout_depth, view).map(Some).map_err(|e| e.at(&path))
+    }
+}
+
+/// Returns what is to be said of depths of 0, at which all is hidden.
+pub(super) fn hides_all(holdout: &Holdout) -> Option<String> {
+    let share = holdout.at_camera();
+    (share > 0.0).then(|| {
+        format!(
+            "at {:.1} % of the pixels of ⟨holdout⟩ the depth is 0, and all is hidden; where nothing stands, depths are \
+             infinite or large",
+            100.0 * share
+        )
+    })
+}
+
+/// Reads the size and the depths of a picture.
+fn depths(path: &Path, layer: Option<&str>, limits: Limits) -> Result<([usize; 2], Vec<f32>)> {
+    let header = exr::header(path)?;
+    let name = match layer {
+        Some(name) => name.to_owned(),
+        None => plainly_depths(&header)?,
+    };
+    let found = exr::layer_within(path, Some(&name), limits)
+        .map_err(|e| if e.code() == Code::NoSuchLayer { e.instead(NAME_ONE) } else { e })?;
+    let at = match &found.channels[..] {
+        [_] => 0,
+        several => several.iter().position(|channel| channel.eq_ignore_ascii_case("z")).ok_or_else(|| {
+            Error::invalid(format!("the layer '{name}' has the channels {}, and none is Z", several.join(", ")))
+                .hint("name a layer with one channel, or one with a channel Z: ⟨holdout_layer⟩")
+        })?,
+    };
+    let depths = found.values.iter().skip(at).step_by(found.channels.len()).copied().collect();
+    Ok(([found.width, found.height], depths))
+}
+
+/// Returns the name of the only layer that has depths by its name.
+fn plainly_depths(header: &Header) -> Result<String> {
+    let layers = header.layers();
+    let components = |layer: &LayerInfo| -> Vec<String> {
+        let channels = &header.parts[layer.part].channels;
+        layer.channels.iter().map(|channel| channels[*channel].component.to_ascii_lowercase()).collect()
+    };
+    let of_depth = |layer: &&LayerInfo| {
+        let last = layer.name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
+        let components = components(layer);
+        match last.as_str() {
+            "depth" | "z" => components.len() == 1 || components.iter().any(|c| c == "z"),
+            "" => components.iter().any(|c| c == "z" || c == "depth"),
+            _ => false,
+        }
+    };
+    let found: Vec<&LayerInfo> = layers.iter().filter(of_depth).collect();
+    match (&found[..], &layers[..]) {
+        ([only], _) => Ok(only.name.clone()),
+        ([], [only]) if only.channels.len() == 1 => Ok(only.name.clone()),
+        _ => {
+            let names = layers.iter().map(|layer| format!("'{}'", layer.name)).collect::<Vec<_>>().join(", ");
+            let what =
+                if found.is_empty() { "no layer is plainly that of depths" } else { "several layers have depths" };
+            Err(Error::invalid(format!("{what}: the file has {names}")).hint(NAME_ONE))
+        }
+    }
+}

@@ -1,0 +1,32 @@
+//! Options of objects that hide what is behind them.
+
+use super::read_as;
+use crate::app::render::HoldoutSettings;
+use crate::cli::values::choice;
+use crate::scene::holdout::DepthMeasure;
+use std::path::PathBuf;
+
+/// Options of objects that hide what is behind them.
+#[derive(Debug, clap::Args)]
+struct HoldoutArgs {
+    /// Hold the volume out behind the objects of this depth picture, or of those of the frames, depth.####.exr: what is
+    /// beyond the depth of a pixel is not seen, and alpha is that of what is before it. Lights pass the objects. Rims
+    /// are smooth if the depth picture has a multiple of the pixels
+    #[arg(long, value_name = "EXR")]
+    holdout: Option<PathBuf>,
+    /// Layer of the depth picture that has the depths (default: the only one named Depth or Z)
+    #[arg(long, value_name = "NAME", requires = "holdout")]
+    holdout_layer: Option<String>,
+    /// What depths measure in world units: the distance along the viewing axis, as passes of Blender do, or along the
+    /// ray
+    #[arg(long, value_parser = choice::<DepthMeasure>(), default_value = "axis", requires = "holdout")]
+    holdout_depth: DepthMeasure,
+}
+
+impl From<HoldoutArgs> for HoldoutSettings {
+    fn from(args: HoldoutArgs) -> Self {
+        Self { holdout: args.holdout, holdout_layer: args.holdout_layer, holdout_depth: args.holdout_depth }
+    }
+}
+
+read_as!(HoldoutSettings, HoldoutArgs);
