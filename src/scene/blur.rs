@@ -112,7 +112,7 @@ pub fn between(from: DMat4, to: DMat4, share: f64) -> DMat4 {
     DMat4::from_rotation_translation(axes(from).slerp(axes(to), share), position)
 }
 
-/// What blurs a camera's picture.
+/// Aperture and shutter of a camera, which blur its picture.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Blur {
     /// Opening that light passes; none for a point, which makes all sharp.
@@ -127,7 +127,7 @@ impl Blur {
     ///
     /// # Errors
     /// If a number of the aperture cannot be used.
-    pub(super) fn checked(self) -> Result<Self> {
+    pub fn checked(self) -> Result<Self> {
         let aperture = self.aperture.map(Aperture::checked).transpose()?.filter(|aperture| aperture.radius > 0.0);
         Ok(Self { aperture, ..self })
     }

@@ -34,7 +34,7 @@ pub struct Camera {
     pub height: u32,
     /// World-space distance along the viewing axis to the near plane; nothing closer is rendered.
     pub near: f64,
-    /// What blurs the picture. [`Camera::ray`] and all that follows from it are those of a sharp one.
+    /// Aperture and shutter. [`Camera::ray`] and all that follows from it are those of a sharp picture.
     pub blur: Blur,
 }
 

@@ -6,7 +6,7 @@ use crate::scene::camera::{Camera, Projection, Window};
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
-/// What depths measure.
+/// Distance that depths are.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DepthMeasure {
@@ -30,8 +30,8 @@ pub struct Holdout {
 }
 
 impl Holdout {
-    /// Creates a holdout from depths row by row from the top, [height, width], of a whole picture or of more pixels than
-    /// it has, in the same proportions. A part of the picture that is rendered is given by its window.
+    /// Creates a holdout from depths row by row from the top, [height, width], of a whole picture or of more pixels
+    /// than it has, in the same proportions. A part of the picture that is rendered is given by its window.
     ///
     /// # Errors
     /// If a depth is negative or not a number, or the proportions are others than those of the picture.
@@ -63,8 +63,8 @@ impl Holdout {
         self.depths.iter().filter(|depth| **depth == 0.0).count() as f64 / self.depths.len() as f64
     }
 
-    /// Returns the length along a ray of unit direction, drawn at a place of the picture in pixels, beyond which nothing
-    /// is seen.
+    /// Returns the length along a ray of unit direction, drawn at a place of the picture in pixels, beyond which
+    /// nothing is seen.
     pub(crate) fn far(&self, camera: &Camera, place: DVec2, ray: &Ray) -> f64 {
         let share = (place + self.origin) / self.whole;
         let at = |axis: usize| ((share[axis] * self.size[axis] as f64) as usize).min(self.size[axis] - 1);

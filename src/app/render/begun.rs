@@ -21,10 +21,11 @@ use std::path::{Path, PathBuf};
 
 /// Settings on which the expected values of a picture do not depend, or whose content is known otherwise: that of its
 /// inputs by their bytes, that of its view by its camera and its number.
-const APART: [&str; 29] = [
+const APART: [&str; 30] = [
     "output",
     "overwrite",
     "png",
+    "half",
     "exposure",
     "frames",
     "resume",

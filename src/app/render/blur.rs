@@ -78,7 +78,7 @@ impl BlurSettings {
             }
         };
         let shutter = shutter.filter(|_| self.shutter != Some(0.0));
-        Camera { blur: Blur { aperture, shutter }, ..camera }.checked()
+        Ok(Camera { blur: Blur { aperture, shutter }.checked()?, ..camera })
     }
 
     /// Returns the cameras of frames, each between those of the frames before and after, with their blur.

@@ -24,7 +24,7 @@ pub struct HoldoutSettings {
     /// Layer that has the depths; none for the only one that is plainly that.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub holdout_layer: Option<String>,
-    /// What the depths measure.
+    /// Distance that the depths are.
     pub holdout_depth: DepthMeasure,
 }
 

@@ -85,6 +85,9 @@ pub struct RenderSettings {
     pub overwrite: bool,
     /// True to write a PNG beside each EXR: radiance times 2^exposure, clipped to 0..1, sRGB.
     pub png: bool,
+    /// True to write the samples of EXRs in 16 bits; pictures with a value beyond 65504 stay in 32.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub half: bool,
     /// Exposure of PNGs in stops, from -60 to 60; none for 0.
     pub exposure: Option<f64>,
     /// Frames to render, frame.####.exr for each number; none for all files of an input that is a sequence, else for
@@ -127,6 +130,7 @@ impl Default for RenderSettings {
             output: PathBuf::new(),
             overwrite: false,
             png: false,
+            half: false,
             exposure: None,
             frames: None,
             camera_offset: 0,
@@ -316,6 +320,10 @@ impl RenderSettings {
         if self.aov.contains(&Aov::Replicates) && !self.accuracy.on() {
             return Err(Error::invalid("⟨aov=replicates⟩: a picture of ⟨samples⟩ paths is one replicate")
                 .hint("leave it out: `cumulo merge` joins such pictures of different seeds as they are"));
+        }
+        if self.half && (self.accuracy.replicates.is_some() || self.aov.contains(&Aov::Replicates)) {
+            return Err(Error::invalid("⟨half⟩: sums over replicates do not fit into 16 bits")
+                .hint("leave ⟨half⟩ out, and convert what `cumulo merge` makes of the pictures"));
         }
         if self.accuracy.replicates.is_some() && !self.sums_tell_all() {
             return Err(Error::invalid("⟨replicates⟩: only the planes variance, samples and replicates can be joined")

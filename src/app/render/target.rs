@@ -79,6 +79,9 @@ impl PictureSettings {
     }
 }
 
+/// Largest number of 16 bits.
+const MOST_HALF: f32 = 65504.0;
+
 impl RenderSettings {
     /// Returns the files of a picture: itself, and the PNG beside it if PNGs are asked for.
     pub(super) fn files_of(&self, picture: &Path) -> Vec<PathBuf> {
@@ -112,12 +115,15 @@ impl RenderSettings {
         if !EXR.has_name(path) {
             return png::write_film(path, film, self.tone_mapping(), attributes);
         }
+        let planes = film.planes.iter().flat_map(|plane| &plane.samples);
+        let mut samples = film.rgba.iter().flatten().chain(planes).filter(|v| v.is_finite());
+        let half = self.half && samples.all(|v| v.abs() <= MOST_HALF);
         match (whole, self.pictures.crop) {
             (Some(display), Some(part)) => {
                 let origin = part.origin.map(|v| v as usize);
-                exr::write_part(path, film, attributes, false, Placement { display, origin })
+                exr::write_part(path, film, attributes, half, Placement { display, origin })
             }
-            _ => exr::write_picture(path, film, attributes, false),
+            _ => exr::write_picture(path, film, attributes, half),
         }
     }
 }

@@ -179,7 +179,7 @@ pub(super) struct Views<'v> {
     pub numbers: Vec<usize>,
     /// Size of the whole picture that a part goes to a file of.
     whole: Option<[usize; 2]>,
-    /// What stands in the way of each camera.
+    /// Depths beyond which each camera sees nothing.
     holdouts: Vec<Option<Holdout>>,
     pub capture: Capture,
     scales: DensityScales,
@@ -323,9 +323,9 @@ impl Views<'_> {
         Ok(self.report(Outcome { views: left.len(), way: Some(way), errors, plan }))
     }
 
-    /// Renders views, by their places, and puts them into place: all when all are there, so that a run which is stopped
-    /// leaves what an earlier one has made; to resume, each when it is there. Those whose error is stated come one after
-    /// the other, since each has its time.
+    /// Renders views, by their places, and puts them into place: all when all are there, so that a run which is
+    /// stopped leaves what an earlier one has made; to resume, each when it is there. Those whose error is stated come
+    /// one after the other, since each has its time.
     fn all(
         &self,
         left: &[usize],

@@ -17,8 +17,7 @@ struct HoldoutArgs {
     /// Layer of the depth picture that has the depths (default: the only one named Depth or Z)
     #[arg(long, value_name = "NAME", requires = "holdout")]
     holdout_layer: Option<String>,
-    /// What depths measure in world units: the distance along the viewing axis, as passes of Blender do, or along the
-    /// ray
+    /// Distance in world units that depths are: along the viewing axis, as in passes of Blender, or along the ray
     #[arg(long, value_parser = choice::<DepthMeasure>(), default_value = "axis", requires = "holdout")]
     holdout_depth: DepthMeasure,
 }

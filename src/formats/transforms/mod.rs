@@ -11,8 +11,8 @@
 //! - `k1`, `k2`, `k3`, `p1`, `p2`, and `k1` to `k4` of a fisheye: coefficients of the [lens](crate::scene::lens::Lens).
 //!   Pictures with any are undistorted before they are used. `fisheye_crop_radius` bounds what such pictures hold.
 //! - `near`, an extension: distance along the viewing axis to the near plane; 0 unless given.
-//! - `aperture_radius`, `focus_distance`, extensions: radius of the aperture and distance along the viewing axis to what
-//!   is sharp, in world units; `aperture_blades`, `aperture_rotation` and `aperture_ratio` are those of
+//! - `aperture_radius`, `focus_distance`, extensions: radius of the aperture and distance along the viewing axis to
+//!   what is sharp, in world units; `aperture_blades`, `aperture_rotation` and `aperture_ratio` are those of
 //!   [`Aperture`](crate::scene::blur::Aperture).
 //! - `transform_matrix_start`, `transform_matrix_end` (frames only): camera to world as the shutter opens and closes.
 //! - `file_path`: picture, relative to the file's folder; a name without suffix is that of the EXR, PNG or JPEG there.

@@ -6,8 +6,8 @@
 //! other edge if the picture has other proportions. Cameras of captures whose pixels are not square have
 //! `cumulo:pixelAspectRatio`, the width of a pixel over its height, as settings of UsdRender do.
 //!
-//! A camera with an f-stop has an aperture, a disc whose diameter is the focal length over the f-stop. One whose shutter
-//! is open for some time moves in it as its transforms do.
+//! A camera with an f-stop has an aperture, a disc whose diameter is the focal length over the f-stop. One whose
+//! shutter is open for some time moves in it as its transforms do.
 
 use super::prim::Prim;
 use super::stage::Stage;

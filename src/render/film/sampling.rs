@@ -79,7 +79,7 @@ pub(super) struct Shot {
     pub seed: u64,
     /// Column and row of the pixel in the whole picture.
     pub pixel: [usize; 2],
-    /// Its number in that sequence.
+    /// Number of the ray in that sequence.
     number: u32,
     /// Numbers of its paths in that sequence.
     pub paths: Range<u32>,

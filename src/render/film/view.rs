@@ -16,7 +16,7 @@ pub struct View<'c> {
     pub before: Option<&'c Camera>,
     /// Camera of the frame after, if there is one.
     pub after: Option<&'c Camera>,
-    /// What stands in the camera's way, if anything does.
+    /// Depths beyond which the camera sees nothing, if something stands in its way.
     pub holdout: Option<&'c Holdout>,
     /// Velocities of volumes, by the volume's number; others are at rest.
     pub velocities: &'c [(usize, Velocity)],

@@ -1,7 +1,7 @@
 //! Cameras as prims of UsdGeom.
 //!
-//! Focal length and apertures are in tenths of the stage's unit. Perspective cameras get a lens of 50 mm. An aperture that
-//! light passes is a disc to USD, which has f-stops. Motion while a shutter is open is not written.
+//! Focal length and apertures are in tenths of the stage's unit. Perspective cameras get a lens of 50 mm. An aperture
+//! that light passes is a disc to USD, which has f-stops. Motion while a shutter is open is not written.
 
 use super::light::matrix;
 use super::text::{Content, Literal, PrimText, Property};
@@ -30,7 +30,7 @@ pub(crate) struct Scale {
 
 /// Numbers of a camera prim.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Optics {
+struct Attributes {
     focal: f64,
     aperture: [f64; 2],
     offset: [f64; 2],
@@ -39,7 +39,7 @@ struct Optics {
     lens: [f64; 2],
 }
 
-impl Optics {
+impl Attributes {
     fn of(camera: &Camera, scale: Scale) -> Self {
         // In tenths of a unit. For parallel rays, apertures are the extent of the picture itself.
         let focal = 10.0 * LENS / scale.meters_per_unit;
@@ -63,7 +63,7 @@ impl Optics {
 /// Returns the prim of a camera.
 pub(crate) fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
     let mut prim = PrimText::new("Camera", camera.name.clone());
-    let optics: Vec<Optics> = camera.samples.iter().map(|(_, camera)| Optics::of(camera, scale)).collect();
+    let optics: Vec<Attributes> = camera.samples.iter().map(|(_, camera)| Attributes::of(camera, scale)).collect();
     let varying = |declaration: &'static str, name: &str, values: Vec<Literal>| {
         let times = camera.samples.iter().map(|(time, _)| *time);
         let first = values.first().cloned().unwrap_or(Literal::Blocked);
@@ -75,7 +75,7 @@ pub(crate) fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
         };
         Property { declaration, name: name.into(), content }
     };
-    let numbers = |name: &str, of: &dyn Fn(&Optics) -> f64| {
+    let numbers = |name: &str, of: &dyn Fn(&Attributes) -> f64| {
         varying("float", name, optics.iter().map(|o| Literal::Single(of(o) as f32)).collect())
     };
     let projection = match camera.samples.first().map(|(_, camera)| camera.projection) {
@@ -134,7 +134,7 @@ mod tests {
             blur: Blur::default(),
         };
         let scale = Scale { meters_per_unit: 0.01, far: 1000.0 };
-        let optics = Optics::of(&camera, scale);
+        let optics = Attributes::of(&camera, scale);
         // 5 cm in tenths of a centimeter.
         assert_eq!(optics.focal, 50.0);
         // The picture's left edge is seen at x / z = -30 / 100, its right at 34 / 100; top 26 / 80, bottom -22 / 80.
@@ -146,10 +146,10 @@ mod tests {
         assert_eq!(optics.clipping, [0.01, 1000.0]);
         // A lens of 5 cm is four times as long as 1.25 cm are wide.
         let open = Blur { aperture: Some(Aperture::disc(0.625, 3.0)), shutter: None };
-        let lens = Optics::of(&Camera { blur: open, ..camera }, scale).lens;
+        let lens = Attributes::of(&Camera { blur: open, ..camera }, scale).lens;
         assert_eq!((optics.lens, lens), ([0.0; 2], [4.0, 3.0]));
         // Parallel rays: 100 pixels to a unit show 0.64 units, which are 6.4 tenths.
-        let parallel = Optics::of(&Camera { projection: Projection::Orthographic, ..camera }, scale);
+        let parallel = Attributes::of(&Camera { projection: Projection::Orthographic, ..camera }, scale);
         near(parallel.aperture[0], 6.4);
     }
 }
