@@ -7,7 +7,7 @@ use std::process::{Command, exit};
 const PACKAGES: &str = "libopenvdb-dev libboost-dev libclang-dev g++";
 
 /// Parts of the shim.
-const SOURCES: [&str; 8] = [
+const SOURCES: [&str; 9] = [
     "shim_io.cpp",
     "shim_grid.cpp",
     "shim_load.cpp",
@@ -16,6 +16,7 @@ const SOURCES: [&str; 8] = [
     "shim_dense.cpp",
     "shim_convert.cpp",
     "shim_vectors.cpp",
+    "shim_mesh.cpp",
 ];
 
 /// A build that lacks its libraries says what to install, not that a header is missing.

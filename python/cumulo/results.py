@@ -911,23 +911,29 @@ class ArrayLayer(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Converted(Report):
-    """Report of a VDB with edits, or of an image, an array or a NanoVDB."""
+    """Report of a VDB with edits, of a mesh, or of an image, an array or a NanoVDB."""
 
     axes: tuple[str, ...] | None = None
     """Names of the array's axes."""
     bytes: int
     format: str | None = None
-    """Format that was read, or that was written."""
+    """Format of the mesh."""
     grid: ArrayGrid | None = None
-    """Grid that was read or written, if there is one alone."""
+    """The grid that was read or written."""
     grids: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    half_width: float | None = None
+    """Width of the narrow band to each side in voxels, in which a mesh became distances; none to a mesh."""
     input: pathlib.Path
+    iso: float | None = None
+    """Value of the grid on the surface that became a mesh; none from a mesh."""
     layer: ArrayLayer | None = None
     """Layer that was read, with its channels in the array's order."""
+    mesh: dict[str, Any] | None = None
+    """The mesh that was read or written."""
     more: list[pathlib.Path] = dataclasses.field(default_factory=list)
     """Other files whose grids were joined with those of the first one."""
     notes: list[str] = dataclasses.field(default_factory=list)
-    """Assumptions of the reader, and losses of the writer."""
+    """Sentences on what may have been meant otherwise."""
     output: pathlib.Path
     shape: tuple[int, ...] | None = None
     """Lengths of the array's axes; empty for several arrays."""

@@ -72,7 +72,7 @@ pub(crate) fn files(path: &Path, scan: &ScanSettings, limits: Limits) -> Vec<Pat
 pub(crate) fn open(path: &Path, scan: &ScanSettings, limits: Limits) -> Result<File> {
     let format = format_of(path)?;
     match format.kind {
-        FileKind::Unknown => return Err(registry::unread(format, path)),
+        FileKind::Unknown | FileKind::Mesh(_) => return Err(registry::unread(format, path)),
         FileKind::Exr | FileKind::Picture(_) => {
             return Err(Error::invalid("this is a picture, and no volume")
                 .hint("give an OpenVDB file; cumulo compare compares pictures, and cumulo view shows them")
@@ -90,7 +90,7 @@ pub(crate) fn open(path: &Path, scan: &ScanSettings, limits: Limits) -> Result<F
     }
 }
 
-/// Returns the name of the grid that becomes an array unless one is named: the only one, or the density.
+/// Returns the name of the grid that becomes an array or a mesh unless one is named: the only one, or the density.
 ///
 /// # Errors
 /// If there are several, and none of them is the density.
@@ -99,7 +99,7 @@ pub(crate) fn array_grid(file: &File, path: &Path) -> Result<String> {
     match &names[..] {
         [only] => Ok((*only).to_owned()),
         names if names.contains(&"density") => Ok("density".into()),
-        names => Err(Error::invalid(format!("one grid makes an array; the file has {}", names.join(", ")))
+        names => Err(Error::invalid(format!("one grid is converted; the file has {}", names.join(", ")))
             .at(path)
             .hint("name one of them with ⟨grid⟩")),
     }

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 /// Render a volume from many sides: a capture of EXR pictures and transforms.json; or one picture, EXR or PNG
 ///
-/// Pictures are 32-bit float (16-bit by --half), scene-linear, alpha = 1 - transmittance. Absorption shows the background through the
+/// Pictures are 32-bit float (16-bit with --half), scene-linear, alpha = 1 - transmittance. Absorption shows the background through the
 /// volume; emission-absorption adds the light of a source that is part of it; with --albedo light is scattered, and
 /// pictures are made by path tracing.
 #[derive(Debug, clap::Args)]
@@ -26,7 +26,7 @@ struct RenderArgs {
     /// Write a PNG beside each EXR: radiance times 2^EXPOSURE, clipped to 0..1, sRGB
     #[arg(long)]
     png: bool,
-    /// Write the samples of EXRs in 16 bits, half of the size; pictures with a value beyond 65504 stay in 32
+    /// Write colors and alpha of EXRs in 16 bits, and the planes of --aov in 32; a color beyond 65504 leaves all in 32
     #[arg(long)]
     half: bool,
     /// Exposure of PNGs in stops (default: 0)

@@ -3,6 +3,7 @@
 use super::ending::ends_in;
 use super::imaging::ImageFormat;
 use super::imaging::options::ReadOption;
+use super::mesh::MeshFormat;
 use super::raster::PictureFormat;
 use crate::error::Result;
 use serde::{Serialize, Serializer};
@@ -43,6 +44,8 @@ pub enum FileKind {
     Capture,
     /// A stage of Universal Scene Description.
     Usd,
+    /// A mesh of polygons.
+    Mesh(&'static MeshFormat),
     /// Content of no known format.
     Unknown,
 }
@@ -62,7 +65,7 @@ impl PartialEq for Format {
 
 impl FileKind {
     /// Words for the kinds in JSON, in the order of [`Self::word`].
-    const WORDS: [&str; 8] = ["vdb", "nanovdb", "exr", "picture", "image", "capture", "usd", "unknown"];
+    const WORDS: [&str; 9] = ["vdb", "nanovdb", "exr", "picture", "image", "capture", "usd", "mesh", "unknown"];
 
     /// Returns the word for the kind in JSON.
     fn word(self) -> &'static str {
@@ -74,7 +77,8 @@ impl FileKind {
             Self::Image(_) => 4,
             Self::Capture => 5,
             Self::Usd => 6,
-            Self::Unknown => 7,
+            Self::Mesh(_) => 7,
+            Self::Unknown => 8,
         }]
     }
 

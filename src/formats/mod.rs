@@ -10,6 +10,7 @@ pub mod format;
 pub mod imaging;
 pub(crate) mod input;
 pub mod limits;
+pub mod mesh;
 pub mod nanovdb;
 pub mod npy;
 pub mod picture;

@@ -8,6 +8,7 @@ use super::imaging::write::{self, Target};
 use super::imaging::{
     self, ImageFormat, cvol, dicom, meta_image, mitsuba, mrc, nifti, nrrd, numpy, raw, tiff, vtk, zarr,
 };
+use super::mesh::{MeshFormat, obj, ply};
 use super::raster::{PictureFormat, jpeg, png as png_reader};
 use super::{colmap, png};
 use crate::error::{Code, Error, Result};
@@ -305,6 +306,23 @@ pub static FORMATS: &[&Format] = &[
             }],
         }),
     },
+    &Format {
+        name: "PLY",
+        phrase: "a PLY mesh",
+        endings: &["ply"],
+        frames: false,
+        recognizes: |_, start| Ok(start.starts_with(b"ply\n") || start.starts_with(b"ply\r")),
+        kind: FileKind::Mesh(&MeshFormat { read: ply::read, write: ply::write }),
+    },
+    // Its files state nothing of themselves.
+    &Format {
+        name: "OBJ",
+        phrase: "a Wavefront OBJ mesh",
+        endings: &["obj"],
+        frames: false,
+        recognizes: |path, _| Ok(!path.is_dir() && ends_in(path, "obj")),
+        kind: FileKind::Mesh(&MeshFormat { read: obj::read, write: obj::write }),
+    },
 ];
 
 /// True for NIfTI. The word of MRC may stand in the description of an image, and the header of a map may begin as that
@@ -372,9 +390,11 @@ pub fn unread(format: &Format, path: &Path) -> Error {
     Error::unsupported(words)
         .hint(format!(
             "OpenVDB files, USD stages and pictures ({}) are understood, and captures: a transforms.json, a model of \
-             COLMAP, or the folder that holds one; and grids of {}, which become an OpenVDB file with cumulo convert",
+             COLMAP, or the folder that holds one; and grids of {}, and meshes ({}), which become an OpenVDB file with \
+             cumulo convert",
             listed(&names(FileKind::is_picture), "and"),
-            listed(&names(|kind| matches!(kind, FileKind::Image(_) | FileKind::NanoVdb)), "and")
+            listed(&names(|kind| matches!(kind, FileKind::Image(_) | FileKind::NanoVdb)), "and"),
+            listed(&names(|kind| matches!(kind, FileKind::Mesh(_))), "and")
         ))
         .coded(Code::UnknownFormat)
         .at(path)
@@ -411,7 +431,7 @@ mod tests {
     #[test]
     fn advice_names_the_formats() {
         let advice = unread(&UNKNOWN, Path::new("a")).to_string();
-        for name in names(|kind| matches!(kind, FileKind::Image(_) | FileKind::Picture(_))) {
+        for name in names(|kind| matches!(kind, FileKind::Image(_) | FileKind::Picture(_) | FileKind::Mesh(_))) {
             assert!(advice.contains(name), "{name}: {advice}");
         }
         assert_eq!(endings(FileKind::is_picture), ["exr", "png", "jpg", "jpeg"]);

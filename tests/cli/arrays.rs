@@ -99,7 +99,7 @@ fn layers_go_to_arrays_and_pictures_come_back() {
         film.planes
             .push(Plane { name: format!("Vector.{channel}"), samples: (0..15).map(|i| (10 * k + i) as f32).collect() });
     }
-    exr::write_picture(&picture, &film, &Default::default(), false).unwrap();
+    exr::write_picture(&picture, &film, &Default::default(), exr::Half::None).unwrap();
     let made = report(&[text(&picture), text(&array)]);
     assert_eq!((&made["shape"], &made["layer"]["channels"]), (&json!([3, 5, 4]), &json!(["R", "G", "B", "A"])));
     assert_eq!(npy::read(&array, Limits::default()).unwrap().values, film.rgba.concat());
@@ -166,7 +166,7 @@ fn a_layer_becomes_a_png() {
     let rgba = (0..12 * 8).map(|i| [i as f32 / 24.0, 0.25, if i == 5 { f32::NAN } else { 0.5 }, 1.0]).collect();
     let planes = vec![Plane { name: "Depth.Z".into(), samples: vec![0.25; 96] }];
     let film = Film { planes, ..Film::of(12, 8, rgba) };
-    exr::write_picture(&picture, &film, &Default::default(), false).unwrap();
+    exr::write_picture(&picture, &film, &Default::default(), exr::Half::None).unwrap();
     let tone = ToneMapping { exposure: -1.0 };
     let made = report(&[text(&picture), text(&shown), "--exposure", "-1"]);
     assert_eq!((&made["shape"], &made["tone_mapping"]["exposure"]), (&json!([8, 12]), &json!(-1.0)));

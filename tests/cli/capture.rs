@@ -101,7 +101,8 @@ fn distorted_views_become_those_of_pinhole_cameras() {
             let at = (centre + focal * undistorted(&lens, plane)).floor().clamp(DVec2::ZERO, DVec2::splat(143.0));
             film.rgba[y * 48 + x] = fine.rgba[at.y as usize * 144 + at.x as usize];
         }
-        exr::write_picture(&work.path(&format!("lens/view_{i:03}.exr")), &film, &Default::default(), false).unwrap();
+        exr::write_picture(&work.path(&format!("lens/view_{i:03}.exr")), &film, &Default::default(), exr::Half::None)
+            .unwrap();
     }
     std::fs::copy(work.path("fine/transforms.json"), work.path("lens/transforms.json")).unwrap();
     rewrite(&work, "lens/transforms.json", |text| {

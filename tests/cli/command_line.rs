@@ -116,7 +116,7 @@ fn text_from_files_does_not_act_on_the_terminal() {
     write_grids(&work.path("v.vdb"), &[&grid], &BTreeMap::new(), Codec::Blosc, false).unwrap();
     let film = Film::of(2, 2, vec![[f32::NAN; 4]; 4]);
     let attributes = [(HOSTILE.to_owned(), HOSTILE.to_owned())].into();
-    exr::write_picture(&work.path("p.exr"), &film, &attributes, false).unwrap();
+    exr::write_picture(&work.path("p.exr"), &film, &attributes, exr::Half::None).unwrap();
     let preset = json!([
         {"Name": HOSTILE, "RGBPoints": [0, 1, 0, 0, 1, 0, 0, 1]},
         {"Name": HOSTILE, "RGBPoints": [0, 1, 0, 0, 1, 0, 0, 1], "ColorSpace": HOSTILE},

@@ -15,7 +15,7 @@ use tempfile::TempDir;
 fn write(dir: &TempDir, name: &str, width: usize, height: usize, offset: f32) -> PathBuf {
     let path = dir.path().join(name);
     let rgba = (0..width * height).map(|i| [i as f32 / 512.0 + offset, 0.5, 0.25, 1.0]).collect();
-    exr::write_picture(&path, &Film::of(width, height, rgba), &Default::default(), false).unwrap();
+    exr::write_picture(&path, &Film::of(width, height, rgba), &Default::default(), exr::Half::None).unwrap();
     path
 }
 

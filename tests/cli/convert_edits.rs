@@ -144,7 +144,7 @@ fn fog_becomes_the_level_set_of_one_density_and_cavities_stay_open() {
         Code::MemoryLimit,
         &["--max-memory"],
     );
-    work.refused("convert shell.vdb none.vdb --iso 0.5", Code::Usage, &["--to"]);
+    work.refused("convert shell.vdb none.vdb --iso 0.5", Code::Invalid, &["--iso", "--to"]);
 }
 
 #[test]

@@ -83,7 +83,7 @@ fn bad_frames_do_not_stop_the_others() {
     let bytes = std::fs::read(work.path("noisy/frame.0005.exr")).unwrap();
     std::fs::write(work.path("noisy/frame.0005.exr"), &bytes[..bytes.len() / 2]).unwrap();
     let small = Film::of(8, 8, vec![[0.5, 0.5, 0.5, 1.0]; 64]);
-    exr::write_picture(&work.path("noisy/frame.0007.exr"), &small, &exr::Attributes::new(), false).unwrap();
+    exr::write_picture(&work.path("noisy/frame.0007.exr"), &small, &exr::Attributes::new(), exr::Half::None).unwrap();
     let mut holes = document(&work.path("noisy/frame.0009.exr"));
     let layer = holes.layer(None).unwrap();
     let [red, ..] = holes.colors(&layer).unwrap();
@@ -207,7 +207,7 @@ fn motion_comes_from_volume_and_cameras() {
     for number in 0..3 {
         let film = exr::read_picture(&work.path(&format!("noisy/frame.{number:04}.exr")), None).unwrap();
         let to = work.path(&format!("plain/f.{number:04}.exr"));
-        exr::write_picture(&to, &film, &exr::Attributes::new(), true).unwrap();
+        exr::write_picture(&to, &film, &exr::Attributes::new(), exr::Half::All).unwrap();
     }
     let out = work.command("denoise plain/f.####.exr -o quiet/f.####.exr").output().unwrap();
     assert_eq!(out.status.code(), Some(0), "{}", errors(&out));
@@ -232,7 +232,7 @@ fn cuts_are_found() {
         };
         let film = Film::of(32, 24, (0..32 * 24).map(pixel).collect());
         let path = work.path(&format!("in/f.{:04}.exr", number + 100));
-        exr::write_picture(&path, &film, &exr::Attributes::new(), false).unwrap();
+        exr::write_picture(&path, &film, &exr::Attributes::new(), exr::Half::None).unwrap();
     }
     let report = work.json("denoise in/f.####.exr -o out/f.####.exr");
     assert_eq!(report["cuts"], serde_json::json!([106]));

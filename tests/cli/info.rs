@@ -65,7 +65,7 @@ impl Capture {
     fn picture(&self, view: i32, width: usize, height: usize, first: f32) {
         let mut film = Film::new(width, height);
         film.rgba[0][0] = first;
-        exr::write_picture(&self.path(&format!("{view}.exr")), &film, &Default::default(), false).unwrap();
+        exr::write_picture(&self.path(&format!("{view}.exr")), &film, &Default::default(), exr::Half::None).unwrap();
     }
     fn save(&self) {
         std::fs::write(self.path("transforms.json"), self.text.to_string()).unwrap();

@@ -35,6 +35,7 @@ mod holdout;
 mod imaging;
 mod info;
 mod merge;
+mod meshes;
 mod nanovdb;
 mod outputs;
 mod own_units;

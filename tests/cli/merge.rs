@@ -113,10 +113,10 @@ fn what_is_no_part_of_a_picture_is_refused() {
     let attributes = |name: &str| exr::header(&work.path(name)).unwrap().attributes();
     let mut graded = planes(&work, "b.exr");
     graded.rgba[300][1] *= 1.5;
-    exr::write_picture(&work.path("graded.exr"), &graded, &attributes("b.exr"), false).unwrap();
+    exr::write_picture(&work.path("graded.exr"), &graded, &attributes("b.exr"), exr::Half::None).unwrap();
     for name in ["b", "plain"] {
         let (film, attributes) = (planes(&work, &format!("{name}.exr")), attributes(&format!("{name}.exr")));
-        exr::write_picture(&work.path(&format!("half-{name}.exr")), &film, &attributes, true).unwrap();
+        exr::write_picture(&work.path(&format!("half-{name}.exr")), &film, &attributes, exr::Half::All).unwrap();
     }
     work.json(&format!("render @cube.vdb {LIT} --samples 2 --replicates 4-5 -o volume.exr"));
     for (name, facts) in [

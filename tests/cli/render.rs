@@ -546,14 +546,18 @@ fn a_level_set_is_rendered_as_the_fog_inside_of_its_surface() {
     }
 }
 
-/// Samples of 16 bits are those of 32, rounded; what does not fit stays in 32.
+/// Colors of 16 bits are those of 32, rounded; depths, and what does not fit, stay in 32.
 #[test]
 fn pictures_of_half_floats_are_half_as_large() {
     let work = Work::new();
-    let words = "render @plume.vdb --views 1 --size 48x32 --density-scale 4 --albedo 0.9 --samples 4 --aov depth";
+    let words = "render @plume.vdb --views 1 --size 48x32 --density-scale 4 --albedo 0.9 --samples 4";
     work.json(&format!("{words} -o full.exr"));
     work.json(&format!("{words} --half -o half.exr"));
-    let type_of = |name: &str| exr::header(&work.path(name)).unwrap().parts[0].channels[0].sample_type;
+    let types = |name: &str| {
+        let channels = exr::header(&work.path(name)).unwrap().parts[0].channels.clone();
+        channels.into_iter().map(|channel| channel.sample_type).collect::<Vec<_>>()
+    };
+    let type_of = |name: &str| types(name)[0];
     assert_eq!([type_of("full.exr"), type_of("half.exr")], [exr::SampleType::Float, exr::SampleType::Half]);
     let [full, half] = ["full.exr", "half.exr"].map(|name| work.picture(name));
     for (full, half) in full.rgba.iter().flatten().zip(half.rgba.iter().flatten()) {
@@ -561,6 +565,9 @@ fn pictures_of_half_floats_are_half_as_large() {
     }
     let bytes = |name: &str| std::fs::metadata(work.path(name)).unwrap().len();
     assert!(bytes("half.exr") * 3 < bytes("full.exr") * 2, "{} {}", bytes("half.exr"), bytes("full.exr"));
+    work.json(&format!("{words} --half --aov depth -o planes.exr"));
+    let kinds: Vec<_> = [exr::SampleType::Half; 3].into_iter().chain([exr::SampleType::Float]).collect();
+    assert_eq!(types("planes.exr")[1..], kinds);
     // A part of a picture, and one that is too bright.
     work.json(&format!("{words} --half --crop 8,8,16x8 -o part.exr"));
     work.json(&format!("{words} --half --sky 1e6 -o bright.exr"));

@@ -80,6 +80,8 @@ fn documents_of_every_command_are_what_their_schemas_say() {
     ok("convert", "convert @plume.vdb a.npy");
     ok("convert", "convert a.npy b.vdb --voxel-size 0.1");
     ok("convert", "convert @plume.vdb a.nvdb");
+    ok("convert", "convert @sphere_level_set.vdb a.ply");
+    ok("convert", "convert a.ply a.vdb --voxel-size 0.5");
     ok("convert", "convert @head.nii.gz head.vdb --map -1024,3071");
     ok("convert", "convert cap/view_000.exr c.npy");
     ok("convert", "convert @sphere_level_set.vdb fog.vdb --to fog");

@@ -113,7 +113,7 @@ fn pictures_of_a_sequence_are_held_against_each_other() {
     let size = |n: u32| if n == 3 { 5 } else { 4 };
     for n in 1..=4 {
         let film = Film::of(size(n), 4, vec![[0.5, 0.5, 0.5, 1.0]; size(n) * 4]);
-        exr::write_picture(&work.path(&format!("p.{n:02}.exr")), &film, &BTreeMap::new(), false).unwrap();
+        exr::write_picture(&work.path(&format!("p.{n:02}.exr")), &film, &BTreeMap::new(), exr::Half::None).unwrap();
     }
     let (code, report) = run(&work, "validate p.##.exr");
     let found = report["sequences"][0]["findings"].to_string();
@@ -151,7 +151,7 @@ fn a_hole_is_named_by_every_command() {
     std::fs::create_dir(work.path("p")).unwrap();
     for n in 1..=6 {
         let film = Film::of(12, 12, vec![[0.5; 4]; 144]);
-        exr::write_picture(&work.path(&format!("p/f.{n:04}.exr")), &film, &BTreeMap::new(), false).unwrap();
+        exr::write_picture(&work.path(&format!("p/f.{n:04}.exr")), &film, &BTreeMap::new(), exr::Half::None).unwrap();
     }
     work.json("convert s t");
     work.json("render s/smoke.0001.vdb --views 1 --size 8x8 -o one");
@@ -220,7 +220,8 @@ fn sequences_of_pictures_are_compared_whatever_fails() {
         for n in 1..=5 {
             let value = if (folder, n) == ("b", 4) { 0.75 } else { 0.5 };
             let film = Film::of(12, 12, vec![[value; 4]; 144]);
-            exr::write_picture(&work.path(&format!("{folder}/f.{n:04}.exr")), &film, &BTreeMap::new(), false).unwrap();
+            exr::write_picture(&work.path(&format!("{folder}/f.{n:04}.exr")), &film, &BTreeMap::new(), exr::Half::None)
+                .unwrap();
         }
     }
     let (code, report) = run(&work, "compare a b");
@@ -290,7 +291,7 @@ fn a_frame_beside_of_another_size_counts_nowhere() {
     let work = Work::new();
     let write = |name: &str, side: usize, value: f32| {
         let film = Film::of(side, side, vec![[value, value, value, 1.0]; side * side]);
-        exr::write_picture(&work.path(name), &film, &BTreeMap::new(), false).unwrap();
+        exr::write_picture(&work.path(name), &film, &BTreeMap::new(), exr::Half::None).unwrap();
     };
     for n in 1..=3 {
         write(&format!("a.{n}.exr"), 8, 0.5);

@@ -53,7 +53,7 @@ fn film(seed: u64, count: u64, brighter: f64) -> Film {
 
 fn write(dir: &TempDir, name: &str, film: &Film) -> PathBuf {
     let path = dir.path().join(name);
-    exr::write_picture(&path, film, &Default::default(), false).unwrap();
+    exr::write_picture(&path, film, &Default::default(), exr::Half::None).unwrap();
     path
 }
 

@@ -82,7 +82,7 @@ fn layers_of_pictures_stand_side_by_side() {
         let samples = (0..40 * 20).map(|i| value * (i / 40) as f32).collect();
         film.planes.push(Plane { name: name.into(), samples });
     }
-    exr::write_picture(&work.path("a.exr"), &film, &BTreeMap::new(), false).unwrap();
+    exr::write_picture(&work.path("a.exr"), &film, &BTreeMap::new(), exr::Half::None).unwrap();
     let report = work.json("view a.exr --size 64 -o a.png");
     let shown = &report["sheets"][0];
     assert_eq!((&shown["shows"], &shown["resolution"]), (&json!("picture"), &json!([40, 20])));
@@ -142,7 +142,8 @@ fn frames_share_exposure_and_density_scale() {
     assert_eq!(work.json("view s.%04d.vdb --frames 2 --size 48 -o two.png")["sheets"][0]["frames"], json!([2]));
     for (number, light) in [(1, 0.5), (2, 2.0)] {
         let film = Film::of(8, 8, vec![[light, 0.1, 0.1, 1.0]; 64]);
-        exr::write_picture(&work.path(&format!("v.{number:04}.exr")), &film, &BTreeMap::new(), false).unwrap();
+        exr::write_picture(&work.path(&format!("v.{number:04}.exr")), &film, &BTreeMap::new(), exr::Half::None)
+            .unwrap();
     }
     let shown = &work.json("view v.%04d.exr -o v.png")["sheets"][0];
     assert_eq!((&shown["exposure"], &shown["count"]), (&json!(-1.0), &json!(2)));
@@ -202,7 +203,7 @@ fn channels_beside_colors_and_vectors_are_shown() {
     for name in ["Z", "Vector.X", "Vector.Y", "Vector.Z", "Vector.W"] {
         film.planes.push(Plane { name: name.into(), samples: (0..32).map(|i| i as f32).collect() });
     }
-    exr::write_picture(&work.path("a.exr"), &film, &BTreeMap::new(), false).unwrap();
+    exr::write_picture(&work.path("a.exr"), &film, &BTreeMap::new(), exr::Half::None).unwrap();
     let report = work.json("view a.exr --size 32 -o a.png");
     let layers = report["sheets"][0]["layers"].as_array().unwrap();
     let mut found: Vec<_> = layers.iter().map(|l| format!("{} {}", l["name"], l["kind"]).replace('"', "")).collect();

@@ -20,7 +20,7 @@ const fn case(words: &'static str, inputs: &'static [&'static str], outputs: &'s
 
 const CAPTURE: &[&str] = &["in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"];
 
-pub const ALL: [Case; 46] = [
+pub const ALL: [Case; 48] = [
     case(
         "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --view 0 --size 4x4 --holdout in/z.exr --png --overwrite -o out",
         &[
@@ -153,6 +153,8 @@ pub const ALL: [Case; 46] = [
     case("convert in/cube.vdb out/o.npy", &["in/cube.vdb"], &["out/o.npy"]),
     case("convert in/cube.vdb out/o.mhd", &["in/cube.vdb"], &["out/o.raw", "out/o.mhd"]),
     case("convert in/cube.vdb out/o.nvdb", &["in/cube.vdb"], &["out/o.nvdb"]),
+    case("convert in/cube.vdb out/o.ply --iso 1", &["in/cube.vdb"], &["out/o.ply"]),
+    case("convert in/o.ply out/o.vdb --voxel-size 0.1", &["in/o.ply"], &["out/o.vdb"]),
     case("convert in/o.nvdb out/o.vdb", &["in/o.nvdb"], &["out/o.vdb"]),
     case("convert in/o.mhd out/o.vdb", &["in/o.mhd", "in/o.raw"], &["out/o.vdb"]),
     case("convert in/sky.exr out/o.npy", &["in/sky.exr"], &["out/o.npy"]),
@@ -264,6 +266,7 @@ pub fn prepared() -> Work {
     work.json("motion in/cube.vdb --cameras in/cap --samples 1 -o in/m_%03d.exr");
     work.json("usd author in/cube.vdb --sky in/sky.exr --albedo 0.9 -o in/stage.usda");
     work.json("convert in/cube.vdb in/o.nvdb");
+    work.json("convert in/cube.vdb in/o.ply --iso 1");
     work.json("convert in/cube.vdb in/o.mhd");
     work.json("convert in/sky.exr in/sky.npy");
     work.json("reconstruct density in/cap -o in/found.vdb --resolution 8 --iterations 1 --report in/page");

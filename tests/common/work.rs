@@ -171,7 +171,13 @@ impl Work {
         for (i, frame) in capture.frames.iter().enumerate() {
             let mut film = cumulo::formats::exr::read_picture(&frame.picture, None).unwrap();
             change(i, &mut film);
-            cumulo::formats::exr::write_picture(&frame.picture, &film, &BTreeMap::new(), false).unwrap();
+            cumulo::formats::exr::write_picture(
+                &frame.picture,
+                &film,
+                &BTreeMap::new(),
+                cumulo::formats::exr::Half::None,
+            )
+            .unwrap();
         }
     }
 }

@@ -31,7 +31,7 @@ pub fn run(volume: &Path, picture: &Path) -> Result<Film> {
     let renderer = Dvr::new(&field, Medium::absorbing(3.0))?.over([1.0; 3]);
     let never = Cancel::NEVER;
     let film = film::render(&renderer, &cameras[0], Sampling::grid(1), &[], &never).ok_or_else(Error::cancelled)?.film;
-    exr::write_picture(picture, &film, &BTreeMap::new(), false)?;
+    exr::write_picture(picture, &film, &BTreeMap::new(), exr::Half::None)?;
     Ok(film)
 }
 

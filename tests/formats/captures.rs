@@ -416,7 +416,8 @@ fn pictures_lie_beside_a_model() {
     std::fs::write(model.join("images.txt"), "1 1 0 0 0 0 0 0 1 a.jpg\n\n").unwrap();
     let picture = |path: &Path| captures::load(path).unwrap().frames[0].picture.clone();
     assert!(picture(dir.path()).ends_with("images/a.jpg"), "where it is expected");
-    exr::write_picture(&dir.path().join("images/a.exr"), &Film::new(4, 3), &Default::default(), false).unwrap();
+    exr::write_picture(&dir.path().join("images/a.exr"), &Film::new(4, 3), &Default::default(), exr::Half::None)
+        .unwrap();
     for path in [dir.path(), &model, &model.join("images.txt")] {
         assert!(picture(path).ends_with("images/a.exr"));
     }

@@ -26,7 +26,7 @@ fn a_written_picture_is_read_back_to_the_bit() {
         let film = film(width, height);
         let attributes = [("cumulo:plan", "größe"), ("software", "cumulo test")];
         let attributes = attributes.map(|(k, v)| (k.to_string(), v.to_string())).into_iter().collect();
-        exr::write_picture(&path, &film, &attributes, false).unwrap();
+        exr::write_picture(&path, &film, &attributes, exr::Half::None).unwrap();
         assert_eq!(exr::read_picture(&path, None).unwrap(), film);
         let image = exr::read(&path).unwrap();
         assert_eq!((image.width, image.height), (width, height));
@@ -44,7 +44,7 @@ fn planes_are_written_and_read_by_name() {
     let plane = |name: &str, v: f32| Plane { name: name.into(), samples: (0..35).map(|i| v * i as f32).collect() };
     let mut picture = film(7, 5);
     picture.planes = vec![plane("Z", 0.5), plane("variance.B", -2.0), plane("variance.R", 0.1)];
-    exr::write_picture(&path, &picture, &Default::default(), false).unwrap();
+    exr::write_picture(&path, &picture, &Default::default(), exr::Half::None).unwrap();
     let mut found = exr::read_film_within(&path, None, Default::default()).unwrap();
     found.planes.sort_by(|a, b| a.name.cmp(&b.name));
     assert_eq!(found, picture);
@@ -59,7 +59,7 @@ fn planes_are_written_and_read_by_name() {
         (vec![Plane { name: "short".into(), samples: vec![0.0; 3] }], "3 samples for 35 pixels"),
     ] {
         picture.planes = planes;
-        let error = exr::write_picture(&path, &picture, &Default::default(), false).unwrap_err();
+        let error = exr::write_picture(&path, &picture, &Default::default(), exr::Half::None).unwrap_err();
         refusal::is(&error, Code::Invalid, &[word]);
     }
     assert_eq!(exr::read_film_within(&path, None, Default::default()).unwrap().planes.len(), 3, "the file stands");
@@ -70,14 +70,14 @@ fn half_floats_are_rounded_and_refuse_what_does_not_fit() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.exr");
     let mut film = film(20, 10);
-    exr::write_picture(&path, &film, &Default::default(), true).unwrap();
+    exr::write_picture(&path, &film, &Default::default(), exr::Half::All).unwrap();
     let back = exr::read_picture(&path, None).unwrap();
     for (a, b) in film.rgba.iter().flatten().zip(back.rgba.iter().flatten()) {
         // 11 significant bits; subnormals below 2^-14 are spaced by 2^-24.
         assert!((a - b).abs() <= (a.abs() * 2_f32.powi(-11)).max(2_f32.powi(-25)), "{a} {b}");
     }
     film.rgba[3][1] = 7e4;
-    let error = exr::write_picture(&path, &film, &Default::default(), true).unwrap_err();
+    let error = exr::write_picture(&path, &film, &Default::default(), exr::Half::All).unwrap_err();
     refusal::is(&error, Code::Invalid, &["a.exr", "65504"]);
 }
 
@@ -87,7 +87,7 @@ fn what_cannot_be_written_is_refused() {
     let path = dir.path().join("a.exr");
     let refused = |film: &Film, name: &str, word: &str| {
         let attributes = [(name.to_string(), String::new())].into();
-        let error = exr::write_picture(&path, film, &attributes, false).unwrap_err();
+        let error = exr::write_picture(&path, film, &attributes, exr::Half::None).unwrap_err();
         refusal::is(&error, Code::Invalid, &[word]);
         assert!(!path.exists());
     };
@@ -97,7 +97,7 @@ fn what_cannot_be_written_is_refused() {
     refused(&film(2, 2), "", "attribute");
     refused(&film(2, 2), &"n".repeat(256), "attribute");
     let nowhere = dir.path().join("no/such/a.exr");
-    assert!(exr::write_picture(&nowhere, &film(2, 2), &Default::default(), false).is_err());
+    assert!(exr::write_picture(&nowhere, &film(2, 2), &Default::default(), exr::Half::None).is_err());
 }
 
 #[test]

@@ -26,6 +26,7 @@ fn beginnings() -> Vec<(&'static str, Vec<u8>)> {
         ("MRC", [348_i32.to_le_bytes().to_vec(), at(204, b"MAP ")].concat()),
         (".cvol", b"cvol".to_vec()),
         ("NIfTI", fixture("head.nii.gz")),
+        ("PLY", b"ply\nformat ascii 1.0\n".to_vec()),
     ];
     for mut sample in images::samples() {
         let name = match sample.name.split([',', '-', ' ', '\'']).next().unwrap() {
@@ -48,7 +49,10 @@ fn beginnings() -> Vec<(&'static str, Vec<u8>)> {
 #[test]
 fn files_of_every_format_are_told_by_their_content() {
     let folder = tempfile::tempdir().unwrap();
-    let mut told = BTreeSet::from(["Zarr"]);
+    let mut told = BTreeSet::from(["Zarr", "OBJ"]);
+    let named = folder.path().join("mesh.obj");
+    std::fs::write(&named, "v 0 0 0\n").unwrap();
+    assert_eq!(registry::sniff(&named).unwrap().name, "OBJ");
     for (name, bytes) in beginnings() {
         // No ending, and that of a format whose files have no other sign.
         for file in ["file", "file.0001", "file.txt", "file.vdb", "file.nii"] {

@@ -102,7 +102,7 @@ fn a_nerf_file_takes_its_size_from_the_picture() {
     let json = dir.path().join("transforms.json");
     std::fs::create_dir(dir.path().join("train")).unwrap();
     let film = Film::new(40, 30);
-    exr::write_picture(&dir.path().join("train/r_0.exr"), &film, &Default::default(), false).unwrap();
+    exr::write_picture(&dir.path().join("train/r_0.exr"), &film, &Default::default(), exr::Half::None).unwrap();
     let text = json!({"camera_angle_x": 0.6911112070083618, "frames": [
         {"file_path": "./train/r_0", "rotation": 0.01, "transform_matrix": identity()}]});
     std::fs::write(&json, text.to_string()).unwrap();
@@ -203,7 +203,7 @@ fn missing_and_malformed_files_are_errors() {
 fn picture(path: &Path, width: usize, height: usize, first: f32) {
     let mut film = Film::new(width, height);
     film.rgba[0][0] = first;
-    exr::write_picture(path, &film, &Default::default(), false).unwrap();
+    exr::write_picture(path, &film, &Default::default(), exr::Half::None).unwrap();
 }
 
 #[test]

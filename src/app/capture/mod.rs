@@ -150,7 +150,7 @@ impl CaptureSettings {
             if !written(view) {
                 continue;
             }
-            exr::write_picture(&batch.add(&picture(i))?, &film, &provenance.attributes(), false)?;
+            exr::write_picture(&batch.add(&picture(i))?, &film, &provenance.attributes(), exr::Half::None)?;
             capture.frames[i] = Frame { camera, picture: picture(i) };
             bar.inc(1);
         }

@@ -81,7 +81,12 @@ impl ConvertSettings {
         let third = Limits { max_memory: limits.max_memory / 6 };
         let array = npy::read(&self.input, third)?;
         let film = film(&array, &self.input)?;
-        exr::write_picture(&self.output, &film, &exr::Attributes::new(), self.half)?;
+        exr::write_picture(
+            &self.output,
+            &film,
+            &exr::Attributes::new(),
+            if self.half { exr::Half::All } else { exr::Half::None },
+        )?;
         drop(stage);
         self.report_array(array.shape, None)
     }

@@ -17,7 +17,8 @@ pub struct Edits {
     pub filter: Option<ResampleFilter>,
     /// Form that level sets or fog volumes are given; grids that hold neither stay as they are.
     pub to: Option<Form>,
-    /// Density of the surface that becomes a level set; none for half of the largest density.
+    /// Density of the surface that becomes a level set, none for half of the largest density; value of the surface that
+    /// becomes a mesh, none for 0 in a level set.
     pub iso: Option<f64>,
     /// Names of grids of vectors of which each becomes three: NAME.x, NAME.y and NAME.z.
     pub split: Vec<String>,

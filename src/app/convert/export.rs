@@ -65,12 +65,12 @@ impl ConvertSettings {
         volume::mapped(&native, self.images.scan.grid_type(false), &self.values.mapping(), self.limits)
     }
 
-    /// Name of the grid that becomes an image: that of `grid`, the only one, or the density.
-    fn one_grid(&self, file: &File) -> Result<String> {
+    /// Name of the grid that becomes an image or a mesh: that of `grid`, the only one, or the density.
+    pub(super) fn one_grid(&self, file: &File) -> Result<String> {
         match &self.grid[..] {
             [name, more @ ..] if more.iter().all(|other| other == name) => file.find(name).map(|e| e.name.clone()),
             [] => array_grid(file, &self.input),
-            names => Err(Error::invalid(format!("one grid makes an array; {} are named", names.join(", ")))
+            names => Err(Error::invalid(format!("one grid is converted; {} are named", names.join(", ")))
                 .at(&self.input)
                 .hint("name one of them with ⟨grid⟩")),
         }

@@ -48,7 +48,11 @@ impl ConvertSettings {
     /// If the output names no sequence, or the input is none.
     pub(super) fn sequences(&self) -> Result<Option<(Sequence, Pattern)>> {
         // Slices of other formats make up one volume.
-        let endings = registry::frame_endings(|kind| !matches!(kind, FileKind::Usd));
+        let mut endings = registry::frame_endings(|kind| !matches!(kind, FileKind::Usd));
+        if !self.input.is_dir() {
+            // In a folder they lie beside the volumes that they were made of, or that were made of them.
+            endings.extend(registry::endings(|kind| matches!(kind, FileKind::Mesh(_))));
+        }
         let of_files = endings.iter().any(|ending| ends_in(&self.input, ending)) || self.input.is_dir();
         let Some(sequence) = self.frames.sequence(&self.input, &endings)?.filter(|_| of_files) else {
             return self.frames.refuse(&self.input).map(|()| None);

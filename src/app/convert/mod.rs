@@ -13,6 +13,7 @@ mod grids;
 mod half;
 mod images;
 mod import;
+mod meshes;
 mod names;
 mod nano;
 mod parts;
@@ -25,6 +26,7 @@ pub use form::Form;
 pub use frames::Frames;
 pub use grids::Grids;
 pub use images::{ImageSettings, ValueSettings};
+pub use meshes::{MeshReport, MeshSettings};
 pub use names::Convention;
 pub use report::Image;
 pub use sources::Merge;
@@ -80,12 +82,14 @@ impl fmt::Display for ConvertReport {
     }
 }
 
-/// Report of a VDB with edits, or of an image, an array or a NanoVDB.
+/// Report of a VDB with edits, of a mesh, or of an image, an array or a NanoVDB.
 #[derive(Debug, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub enum FileReport {
     /// Report of a VDB with edits.
     Grids(Box<Grids>),
+    /// Report of a mesh.
+    Mesh(Box<MeshReport>),
     /// Report of an image, an array or a NanoVDB.
     Image(Box<Image>),
 }
@@ -94,13 +98,14 @@ impl fmt::Display for FileReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Grids(grids) => grids.fmt(f),
+            Self::Mesh(mesh) => mesh.fmt(f),
             Self::Image(image) => image.fmt(f),
         }
     }
 }
 
-/// Settings of a conversion: a VDB with edits, images of medicine and science to VDBs and back, pictures to arrays and
-/// back.
+/// Settings of a conversion: a VDB with edits, images of medicine and science to VDBs and back, meshes to VDBs and
+/// back, pictures to arrays and back.
 ///
 /// Inputs are told by their content, outputs by their ending. Several VDBs are joined: their grids become those of one
 /// file, at the places that they have. Of a sequence every frame is converted.
@@ -128,7 +133,7 @@ pub struct ConvertSettings {
     /// Other VDBs, whose grids are joined with those of the first one.
     #[serde(with = "crate::app::paths")]
     pub more: Vec<PathBuf>,
-    /// VDB, .nvdb, image, .npy, EXR or PNG to write.
+    /// VDB, .nvdb, image, mesh, .npy, EXR or PNG to write.
     #[serde(with = "crate::app::paths")]
     pub output: PathBuf,
     /// Frames of sequences to convert.
@@ -162,6 +167,9 @@ pub struct ConvertSettings {
     /// Part of an image that is read, and where its voxels lie.
     #[serde(flatten)]
     pub images: ImageSettings,
+    /// How surfaces become meshes, and meshes volumes.
+    #[serde(flatten)]
+    pub meshes: MeshSettings,
     /// Transfer function that is attached to the grids.
     #[serde(flatten)]
     pub transfer: TransferSettings,
@@ -201,7 +209,10 @@ impl Output {
                 let target = image.targets.iter().find(|target| ends_in(path, target.ending))?;
                 Some(Self { format, target: Some(target) })
             }
-            FileKind::NanoVdb | FileKind::Exr | FileKind::Picture(PictureFormat { write: Some(_), .. }) => {
+            FileKind::NanoVdb
+            | FileKind::Exr
+            | FileKind::Mesh(_)
+            | FileKind::Picture(PictureFormat { write: Some(_), .. }) => {
                 format.has_name(path).then_some(Self { format, target: None })
             }
             _ => None,
@@ -221,19 +232,21 @@ impl Output {
 
 /// Returns which inputs become which outputs, as advice.
 fn routes() -> String {
-    let (mut images, mut pictures) = (Vec::new(), Vec::new());
+    let (mut images, mut pictures, mut meshes) = (Vec::new(), Vec::new(), Vec::new());
     for format in FORMATS {
         match format.kind {
             FileKind::Image(image) => images.extend(image.targets.iter().map(|target| format!(".{}", target.ending))),
             FileKind::Picture(PictureFormat { write: Some(_), .. }) => {
                 pictures.extend(format.endings.iter().map(|ending| format!(".{ending}")));
             }
+            FileKind::Mesh(_) => meshes.extend(format.endings.iter().map(|ending| format!(".{ending}"))),
             _ => {}
         }
     }
+    images.append(&mut meshes);
     format!(
-        "a .vdb becomes a .vdb, .nvdb, {}; an .exr becomes a .npy or {}, a .npy an .exr or .vdb, and .nvdb and other \
-         images a .vdb",
+        "a .vdb becomes a .vdb, .nvdb, {}; an .exr becomes a .npy or {}, a .npy an .exr or .vdb, and .nvdb, meshes and \
+         other images a .vdb",
         listed(&images, "or"),
         listed(&pictures, "or")
     )
@@ -280,6 +293,8 @@ impl ConvertSettings {
             (FileKind::Vdb, FileKind::Vdb, _) => self.grids(context),
             (FileKind::Vdb, FileKind::NanoVdb, _) => self.grids_to_nano(context),
             (FileKind::NanoVdb, FileKind::Vdb, _) => self.nano_to_grids(context),
+            (FileKind::Vdb, FileKind::Mesh(writer), _) => self.grid_to_mesh(to.format, writer, context),
+            (FileKind::Mesh(reader), FileKind::Vdb, _) => self.mesh_to_grid(from, reader, context),
             (FileKind::Vdb, kind, Some(target)) => self.grid_to_image(kind, target, context),
             (FileKind::Image(reader), FileKind::Vdb, _) => self.image_to_grids(from, reader, context),
             (FileKind::Exr, _, Some(_)) if *to.format == NPY => self.layer_to_array(context),
@@ -332,20 +347,22 @@ impl ConvertSettings {
         let imports = matches!((read, written), (FileKind::Image(_), FileKind::Vdb));
         let exports = matches!((read, written), (FileKind::Vdb, FileKind::Image(_)));
         let nano = matches!((read, written), (FileKind::NanoVdb, FileKind::Vdb) | (FileKind::Vdb, FileKind::NanoVdb));
+        let to_mesh = matches!((read, written), (FileKind::Vdb, FileKind::Mesh(_)));
+        let of_mesh = matches!((read, written), (FileKind::Mesh(_), FileKind::Vdb));
         let grids = edits || imports || exports;
         let heeds = |option| imports && read.heeds(option);
         let placed = heeds(ReadOption::Placement);
         let array = heeds(ReadOption::Axes) || exports && written.heeds(ReadOption::Axes);
         let (images, values) = (&self.images, &self.values);
         let options = [
-            ("⟨grid⟩", !self.grid.is_empty(), grids || nano),
+            ("⟨grid⟩", !self.grid.is_empty(), grids || nano || to_mesh || of_mesh),
             ("⟨rename⟩", !self.rename.is_empty(), edits),
             ("⟨crop⟩", self.crop.is_some(), edits),
             ("⟨resample⟩", self.resample.is_some(), edits),
             ("⟨prune⟩", self.prune.is_some(), edits),
             ("⟨repair⟩", self.repair.is_some(), edits),
             ("⟨tf⟩", self.transfer.tf.is_some(), edits),
-            ("⟨half⟩", self.half, !matches!(written, FileKind::Image(_) | FileKind::NanoVdb | FileKind::Picture(_))),
+            ("⟨half⟩", self.half, matches!(written, FileKind::Vdb | FileKind::Exr)),
             ("⟨codec⟩", self.codec != Codec::default(), matches!(written, FileKind::Vdb)),
             ("⟨layer⟩", self.layer.is_some(), matches!(read, FileKind::Exr)),
             ("⟨exposure⟩", self.exposure.is_some(), matches!(written, FileKind::Picture(_))),
@@ -360,16 +377,29 @@ impl ConvertSettings {
             ("⟨array⟩", images.scan.array.is_some(), heeds(ReadOption::Array)),
             ("⟨as⟩", images.scan.grid_type.is_some(), grids),
             ("⟨axes⟩", images.scan.axes.is_some(), array),
-            ("⟨voxel_size⟩", images.scan.voxel_size.is_some(), placed),
+            ("⟨voxel_size⟩", images.scan.voxel_size.is_some(), placed || of_mesh),
             ("⟨spacing⟩", images.scan.spacing.is_some(), placed),
             ("⟨origin⟩", images.scan.origin.is_some(), placed),
             ("⟨transform⟩", images.scan.transform.is_some(), placed),
+            ("⟨half_width⟩", self.meshes.half_width.is_some(), of_mesh),
+            ("⟨adaptivity⟩", self.meshes.adaptivity.is_some(), to_mesh),
         ];
-        let of_edits = self.edits.stated().map(|(name, given)| (name, given, edits));
+        let of_edits = self.edits.stated().map(|(name, given)| {
+            let besides = name == "⟨to⟩" && of_mesh || name == "⟨iso⟩" && to_mesh;
+            (name, given, edits || besides)
+        });
         match options.iter().chain(&of_edits).find(|(_, given, applies)| *given && !applies) {
-            Some((name, ..)) => {
-                Err(Error::invalid(format!("{name} has no effect from {} to {}", from.name, to.name()))
-                    .hint("leave it out, or convert in two steps: edit VDBs first, then turn their grids into arrays"))
+            Some((name, ..)) => Err(Error::invalid(format!(
+                "{name} has no effect from {} to {}",
+                from.name,
+                to.name()
+            ))
+            .hint(
+                "leave it out, or convert in two steps: edit VDBs first, then turn their grids into arrays or meshes",
+            )),
+            None if edits && self.edits.iso.is_some() && self.edits.to.is_none() => {
+                Err(Error::invalid("⟨iso⟩ has no effect from VDB to VDB without ⟨to⟩")
+                    .hint("give ⟨to=level-set⟩ as well, or the name of a mesh, such as surface.ply, to write"))
             }
             None => Ok(()),
         }
@@ -390,6 +420,8 @@ mod tests {
             ("b.nvdb", ".nvdb"),
             ("b.exr", "OpenEXR"),
             ("b.PNG", "PNG"),
+            ("b.ply", "PLY"),
+            ("b.OBJ", "OBJ"),
             ("b.jpg", "VDB"),
             ("b.gz", "VDB"),
             ("b", "VDB"),
@@ -398,8 +430,7 @@ mod tests {
         }
         let header = Path::new("x/b.mhd");
         assert_eq!(Output::named(header).target.unwrap().companion(header), Some("x/b.raw".into()));
-        let advice =
-            "a .vdb, .nvdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd, .vti or .vol; an .exr becomes a .npy or .png,";
+        let advice = "a .vdb, .nvdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .vol, .ply or .obj; an .exr becomes a .npy or .png,";
         assert!(routes().contains(advice), "{}", routes());
     }
 }

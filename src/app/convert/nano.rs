@@ -123,7 +123,7 @@ fn carried_metadata(file: &File) -> Result<BTreeMap<String, String>> {
 }
 
 /// Where a grid's active voxels lie.
-fn placed(native: &NativeGrid) -> Result<GridPlace> {
+pub(super) fn placed(native: &NativeGrid) -> Result<GridPlace> {
     let info = native.info()?;
     let transform = info.affine()?;
     let (low, high) = info.index_box.unwrap_or(([0; 3], [-1; 3]));

@@ -160,7 +160,7 @@ impl InfoSettings {
             }
             FileKind::Capture => captures::summary_within(path, limits).map(Content::Capture),
             FileKind::Usd => usd::summary(path, limits).map(Content::Usd),
-            FileKind::Unknown => Err(registry::unread(format, path)),
+            FileKind::Mesh(_) | FileKind::Unknown => Err(registry::unread(format, path)),
         }
     }
 }

@@ -181,7 +181,7 @@ impl MotionSettings {
             let film = tracing.film(number, cancel)?;
             let planes = film.planes.iter().filter(|plane| ["Vector.X", "Vector.Y"].contains(&plane.name.as_str()));
             let most = planes.flat_map(|plane| &plane.samples).fold(0.0_f32, |most, v| most.max(v.abs()));
-            exr::write_picture(&pictures[place], &film, &attributes, false)?;
+            exr::write_picture(&pictures[place], &film, &attributes, exr::Half::None)?;
             Ok(most)
         });
         let (done, failed) = parted(results?);

@@ -168,8 +168,8 @@ impl MergeSettings {
         let missing = error.missing().map(|count| made.streams.following(count).to_string());
         let Placement { display, .. } = placement;
         match display == [rendered.film.width, rendered.film.height] {
-            true => exr::write_picture(&self.output, &rendered.film, &all, false)?,
-            false => exr::write_part(&self.output, &rendered.film, &all, false, placement)?,
+            true => exr::write_picture(&self.output, &rendered.film, &all, exr::Half::None)?,
+            false => exr::write_part(&self.output, &rendered.film, &all, exr::Half::None, placement)?,
         }
         Ok(MergeReport {
             output: self.output.clone(),

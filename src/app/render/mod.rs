@@ -85,7 +85,7 @@ pub struct RenderSettings {
     pub overwrite: bool,
     /// True to write a PNG beside each EXR: radiance times 2^exposure, clipped to 0..1, sRGB.
     pub png: bool,
-    /// True to write the samples of EXRs in 16 bits; pictures with a value beyond 65504 stay in 32.
+    /// True to write colors and alpha of EXRs in 16 bits, other planes in 32; a color beyond 65504 leaves all in 32.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub half: bool,
     /// Exposure of PNGs in stops, from -60 to 60; none for 0.

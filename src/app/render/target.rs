@@ -5,7 +5,7 @@ use crate::app::outputs;
 use crate::app::pictures::PictureSettings;
 use crate::app::pictures::SIZE;
 use crate::error::{Error, Result};
-use crate::formats::exr::{self, Attributes, Placement};
+use crate::formats::exr::{self, Attributes, Half, Placement};
 use crate::formats::png::{self, ToneMapping};
 use crate::formats::registry::EXR;
 use crate::formats::transforms::FILE_NAME;
@@ -115,9 +115,8 @@ impl RenderSettings {
         if !EXR.has_name(path) {
             return png::write_film(path, film, self.tone_mapping(), attributes);
         }
-        let planes = film.planes.iter().flat_map(|plane| &plane.samples);
-        let mut samples = film.rgba.iter().flatten().chain(planes).filter(|v| v.is_finite());
-        let half = self.half && samples.all(|v| v.abs() <= MOST_HALF);
+        let fits = || film.rgba.iter().flatten().all(|v| v.abs() <= MOST_HALF || !v.is_finite());
+        let half = if self.half && fits() { Half::Colors } else { Half::None };
         match (whole, self.pictures.crop) {
             (Some(display), Some(part)) => {
                 let origin = part.origin.map(|v| v as usize);

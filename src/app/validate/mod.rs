@@ -182,7 +182,7 @@ fn check(path: &Path, scan: &ScanSettings, limits: Limits) -> Result<(Checked, T
             traits = image::check(path, (format, reader), (&scan.of(format), limits), &mut findings)?;
         }
         // What is of no kind at all may be a volume that was damaged.
-        FileKind::Unknown => findings.refusal(registry::unread(format, path))?,
+        FileKind::Mesh(_) | FileKind::Unknown => findings.refusal(registry::unread(format, path))?,
     }
     let (path, valid) = (path.to_path_buf(), findings.valid());
     Ok((Checked { path, frame: None, sequence: 0, format: Some(format.kind), valid, findings, error: None }, traits))

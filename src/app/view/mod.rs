@@ -175,7 +175,7 @@ impl ViewSettings {
             FileKind::Exr => layers::sheet(self, path),
             FileKind::Picture(_) => layers::plain(self, path, format.name),
             FileKind::Capture => capture::sheet(self, path),
-            FileKind::Unknown => Err(registry::unread(format, path)),
+            FileKind::Mesh(_) | FileKind::Unknown => Err(registry::unread(format, path)),
             FileKind::Usd => Err(Error::unsupported(format!("{} has no sheet", format.phrase)).at(path).hint(format!(
                 "render a picture of it: cumulo render {} ⟨views=1⟩ ⟨size=512x512⟩ -o picture.png",
                 shell_quoted(&path.to_string_lossy())

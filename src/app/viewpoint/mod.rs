@@ -444,7 +444,7 @@ impl ViewpointSettings {
             };
             let film = rendered.film;
             if self.pictures.is_some() {
-                exr::write_picture(&batch.add(&frame.picture)?, &film, &attributes, false)?;
+                exr::write_picture(&batch.add(&frame.picture)?, &film, &attributes, exr::Half::None)?;
             }
             best.get_or_insert(film);
         }

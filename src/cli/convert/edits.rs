@@ -13,11 +13,13 @@ struct EditArgs {
     /// trilinear elsewhere and for level sets)
     #[arg(long, value_enum, value_name = "FILTER", requires = "resample")]
     filter: Option<ResampleFilter>,
-    /// Turn level sets into fog volumes, or fog volumes into level sets; grids that hold neither stay as they are
+    /// Turn level sets into fog volumes, or fog volumes into level sets; grids that hold neither stay as they are; a
+    /// mesh becomes either (default: a level set)
     #[arg(long, value_enum, value_name = "FORM")]
     to: Option<Form>,
-    /// Density of the surface that becomes a level set (default: half of the largest density)
-    #[arg(long, value_name = "DENSITY", value_parser = number, allow_hyphen_values = true, requires = "to")]
+    /// Value on the surface: of fog volumes that become level sets (default: half of the largest density), and of grids
+    /// that become meshes (default: 0 for level sets; needed for others)
+    #[arg(long, value_name = "VALUE", value_parser = number, allow_hyphen_values = true)]
     iso: Option<f64>,
     /// Make three grids NAME.x, NAME.y and NAME.z of a grid of vectors (repeatable)
     #[arg(long, value_name = "NAME")]

@@ -9,7 +9,10 @@ use crate::formats::sample::{Endian, Sample};
 /// Options of images.
 #[derive(Debug, clap::Args)]
 // Other commands have a --time of their own.
-#[command(mut_arg("time_point", |arg| arg.alias("time")))]
+#[command(
+    mut_arg("time_point", |arg| arg.alias("time")),
+    mut_arg("voxel_edge", |arg| arg.help("Edge of a voxel in world units, for arrays, stacks, raw files and meshes"))
+)]
 struct ImageArgs {
     #[command(flatten)]
     scan: ScanSettings,

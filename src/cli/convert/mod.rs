@@ -2,11 +2,12 @@
 
 mod edits;
 mod images;
+mod meshes;
 
 use super::args::read_as;
 use super::memory::Memory;
 use super::parse::{corners, exposure, not_negative, positive};
-use crate::app::convert::{ConvertSettings, Edits, ImageSettings, Repair, ValueSettings};
+use crate::app::convert::{ConvertSettings, Edits, ImageSettings, MeshSettings, Repair, ValueSettings};
 use crate::app::sequence::FrameSelection;
 use crate::app::transfer::TransferSettings;
 use crate::error::Result;
@@ -14,7 +15,7 @@ use crate::formats::vdb::Codec;
 use crate::math::Aabb;
 use std::path::PathBuf;
 
-/// Convert a VDB with edits, images of medicine and science to VDBs and back, and pictures to arrays and back
+/// Convert a VDB with edits, scientific and medical images and meshes to VDBs and back, pictures to arrays and back
 ///
 /// Inputs are told by their content, outputs by their ending. DICOM series (folders), NIfTI, NRRD, MetaImage, TIFF
 /// stacks (also folders and patterns), OME-Zarr, MRC, .cvol, Mitsuba's .vol, .vti, .vtk, .npy, .npz and raw numbers
@@ -23,6 +24,10 @@ use std::path::PathBuf;
 /// takes edits. A layer of an EXR becomes a .npy of [row, column, channel], row 0 at the top, and back; or a .png for
 /// display: radiance times two to the power of --exposure, clipped to 0..1, encoded by sRGB's curve. The report has the
 /// places of voxels.
+///
+/// A grid of a VDB becomes a .ply or .obj: the surface on which it has the value of --iso, quads and triangles as
+/// OpenVDB makes them, which face outwards. A closed mesh, .ply or .obj, becomes a level set with voxels of
+/// --voxel-size, or with --to fog a fog volume. Meshes with open edges are refused, because they have no inside.
 ///
 /// Several VDBs before the last one are joined: their grids become those of one file, at the places that they have.
 /// Files whose metadata state different up axes, and grids of one name in two files, are refused.
@@ -36,7 +41,7 @@ struct ConvertArgs {
     /// Other VDBs, whose grids are joined with those of the first one
     #[arg(value_name = "VDB")]
     more: Vec<PathBuf>,
-    /// VDB, .nvdb, image, .npy, EXR or PNG to write
+    /// VDB, .nvdb, image, mesh, .npy, EXR or PNG to write
     output: PathBuf,
     #[command(flatten)]
     frames: FrameSelection,
@@ -85,6 +90,8 @@ struct ConvertArgs {
     #[command(flatten)]
     images: ImageSettings,
     #[command(flatten)]
+    meshes: MeshSettings,
+    #[command(flatten)]
     transfer: TransferSettings,
     #[command(flatten)]
     memory: Memory,
@@ -110,6 +117,7 @@ impl From<ConvertArgs> for ConvertSettings {
             edits: args.edits,
             values: args.values,
             images: args.images,
+            meshes: args.meshes,
             transfer: args.transfer,
             limits: args.memory.limits(),
         }

@@ -142,6 +142,8 @@ const TABLE: [(&str, &[&str]); 13] = [
             "up_from",
             "filter",
             "iso",
+            "half_width",
+            "adaptivity",
             "split",
             "merge",
             "names",

@@ -39,7 +39,7 @@ pub(crate) use problems::problems_within;
 pub use read::{Channel, Image, Layer, read, read_within};
 pub(crate) use summary::ExrSummary;
 pub use summary::{summary, summary_within};
-pub use write::{Attributes, write_picture};
+pub use write::{Attributes, Half, write_picture};
 pub(crate) use write::{Placement, write_part};
 
 use serde::Serialize;

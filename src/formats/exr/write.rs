@@ -16,8 +16,26 @@ use std::path::Path;
 /// Text attributes of a header by name, such as provenance.
 pub type Attributes = BTreeMap<String, String>;
 
-/// Writes channels R, G, B, A and the film's planes under their names, as scan lines with ZIP compression, 32-bit float
-/// or, if `half`, 16-bit float. The file appears whole or not at all, and equal input gives equal bytes.
+/// Channels whose samples are written in 16 bits; others have 32.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Half {
+    /// No channel.
+    None,
+    /// Colors and alpha. Planes beside them, such as depths, keep their digits.
+    Colors,
+    /// All channels.
+    All,
+}
+
+impl Half {
+    /// True if the samples of a channel have 16 bits: of a plane, or of colors and alpha.
+    fn of(self, plane: bool) -> bool {
+        self == Self::All || self == Self::Colors && !plane
+    }
+}
+
+/// Writes channels R, G, B, A and the film's planes under their names, as scan lines with ZIP compression, in 32-bit
+/// float or, as `half` says, 16-bit float. The file appears whole or not at all, and equal input gives equal bytes.
 ///
 /// `attributes` become text attributes of the header, readable with `exrheader` or `oiiotool --info`; `software`,
 /// `comments` and `owner` are the standard ones; `worldToCamera` and `worldToNDC` are matrices of sixteen numbers, row
@@ -27,7 +45,7 @@ pub type Attributes = BTreeMap<String, String>;
 /// If the film is empty or its size contradicts its pixels, if a plane's name is not unique, not ASCII or not of 1 to
 /// 255 bytes, if a plane has not one sample per pixel, if an attribute's name is empty, longer than 255 bytes or
 /// reserved by OpenEXR, if a finite value does not fit into half floats, or if the operating system reports an error.
-pub fn write_picture(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Result<()> {
+pub fn write_picture(path: &Path, film: &Film, attributes: &Attributes, half: Half) -> Result<()> {
     let bytes = encoded(path, film, attributes, half, None).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
 }
@@ -49,7 +67,7 @@ pub(crate) fn write_part(
     path: &Path,
     film: &Film,
     attributes: &Attributes,
-    half: bool,
+    half: Half,
     placement: Placement,
 ) -> Result<()> {
     let bytes = encoded(path, film, attributes, half, Some(placement)).map_err(|e| e.at(path))?;
@@ -60,7 +78,7 @@ fn encoded(
     path: &Path,
     film: &Film,
     attributes: &Attributes,
-    half: bool,
+    half: Half,
     placement: Option<Placement>,
 ) -> Result<Vec<u8>> {
     let (width, height) = (film.width, film.height);
@@ -100,14 +118,15 @@ fn encoded(
 }
 
 /// Channels R, G, B, A and those of the film's planes, sorted by name as OpenEXR requires.
-fn channels(film: &Film, half: bool) -> Result<AnyChannels<FlatSamples>> {
+fn channels(film: &Film, half: Half) -> Result<AnyChannels<FlatSamples>> {
     let pixels = film.width * film.height;
     let rgba = ["R", "G", "B", "A"].into_iter().enumerate();
     let rgba = rgba.map(|(c, name)| (name, film.rgba.iter().map(|p| p[c]).collect::<Vec<f32>>()));
     let planes = film.planes.iter().map(|plane| (plane.name.as_str(), plane.samples.clone()));
     let mut names = BTreeSet::new();
     let mut list = SmallVec::new();
-    for (name, samples) in rgba.chain(planes) {
+    let channels = rgba.map(|channel| (channel, half.of(false))).chain(planes.map(|plane| (plane, half.of(true))));
+    for ((name, samples), half) in channels {
         if !names.insert(name) || !(1..256).contains(&name.len()) || name.contains('\0') || !name.is_ascii() {
             return Err(Error::invalid(format!("'{name}' cannot be the name of a plane"))
                 .hint("give each plane an ASCII name of its own of 1 to 255 bytes, other than R, G, B and A"));
@@ -204,9 +223,9 @@ mod tests {
         let film = Film::of(3, 2, vec![[0.25, 1.5, -2.0, 1.0]; 6]);
         let attributes: Attributes = (0..9).map(|i| (format!("cumulo:{i}"), format!("väl{i}"))).collect();
         let path = Path::new("memory.exr");
-        let first = encoded(path, &film, &attributes, false, None).unwrap();
+        let first = encoded(path, &film, &attributes, Half::None, None).unwrap();
         for _ in 0..4 {
-            assert_eq!(first, encoded(path, &film, &attributes, false, None).unwrap());
+            assert_eq!(first, encoded(path, &film, &attributes, Half::None, None).unwrap());
         }
     }
 
@@ -217,7 +236,7 @@ mod tests {
         // Rows beyond a block of 16, so that more than one chunk has a place of its own.
         let film = Film::of(2, 20, (0..40).map(|i| [i as f32, 0.5, 0.25, 1.0]).collect());
         let placement = Placement { display: [5, 30], origin: [3, 7] };
-        write_part(&path, &film, &Attributes::new(), false, placement).unwrap();
+        write_part(&path, &film, &Attributes::new(), Half::None, placement).unwrap();
         let whole = super::super::read_picture(&path, None).unwrap();
         assert_eq!((whole.width, whole.height), (5, 30));
         for (i, pixel) in whole.rgba.iter().enumerate() {
@@ -227,6 +246,6 @@ mod tests {
             assert_eq!(*pixel, expected, "{x} {y}");
         }
         let outside = Placement { display: [5, 26], origin: [3, 7] };
-        assert!(write_part(&path, &film, &Attributes::new(), false, outside).is_err());
+        assert!(write_part(&path, &film, &Attributes::new(), Half::None, outside).is_err());
     }
 }

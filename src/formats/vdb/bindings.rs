@@ -110,6 +110,36 @@ pub struct cumulo_vdb_tile {
     pub value: [f32; 3usize],
     pub active: i32,
 }
+#[repr(C)]
+#[derive(Debug)]
+pub struct cumulo_vdb_surface {
+    _unused: [u8; 0],
+}
+#[repr(C)]
+#[derive(Debug, Default, Copy, Clone)]
+pub struct cumulo_vdb_surface_counts {
+    pub points: usize,
+    pub triangles: usize,
+    pub quads: usize,
+    pub finite: i32,
+}
+#[repr(C)]
+#[derive(Debug, Copy, Clone)]
+pub struct cumulo_vdb_polygons {
+    pub points: *const [f64; 3usize],
+    pub point_count: usize,
+    pub corners: *const [::std::os::raw::c_uint; 4usize],
+    pub polygon_count: usize,
+}
+impl Default for cumulo_vdb_polygons {
+    fn default() -> Self {
+        let mut s = ::std::mem::MaybeUninit::<Self>::uninit();
+        unsafe {
+            ::std::ptr::write_bytes(s.as_mut_ptr(), 0, 1);
+            s.assume_init()
+        }
+    }
+}
 unsafe extern "C" {
     pub fn cumulo_vdb_version() -> *const ::std::os::raw::c_char;
 }
@@ -425,6 +455,45 @@ unsafe extern "C" {
         iso: f64,
         voxel: f64,
         half_width: f32,
+        status: *mut cumulo_vdb_status,
+    ) -> i32;
+}
+unsafe extern "C" {
+    pub fn cumulo_vdb_surface_new(
+        grid: *const cumulo_vdb_grid,
+        iso: f64,
+        adaptivity: f64,
+        out: *mut *mut cumulo_vdb_surface,
+        status: *mut cumulo_vdb_status,
+    ) -> i32;
+}
+unsafe extern "C" {
+    pub fn cumulo_vdb_surface_free(surface: *mut cumulo_vdb_surface);
+}
+unsafe extern "C" {
+    pub fn cumulo_vdb_surface_count(
+        surface: *const cumulo_vdb_surface,
+        out: *mut cumulo_vdb_surface_counts,
+        status: *mut cumulo_vdb_status,
+    ) -> i32;
+}
+unsafe extern "C" {
+    pub fn cumulo_vdb_surface_copy(
+        surface: *const cumulo_vdb_surface,
+        room: *const cumulo_vdb_surface_counts,
+        reverse: i32,
+        points: *mut [f64; 3usize],
+        triangles: *mut [u32; 3usize],
+        quads: *mut [u32; 4usize],
+        status: *mut cumulo_vdb_status,
+    ) -> i32;
+}
+unsafe extern "C" {
+    pub fn cumulo_vdb_grid_from_polygons(
+        polygons: *const cumulo_vdb_polygons,
+        voxel: f64,
+        half_width: f32,
+        out: *mut *mut cumulo_vdb_grid,
         status: *mut cumulo_vdb_status,
     ) -> i32;
 }

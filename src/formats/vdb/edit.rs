@@ -27,8 +27,16 @@ const CELL_BYTES: f64 = 60.0;
 /// Bytes of a leaf of indices, which stands beside each leaf of distances while they are computed.
 const INDEX_LEAF_BYTES: u64 = 2208;
 
+/// Cells and leaves that a surface passes.
+pub(super) struct Passed {
+    /// Number of cells between eight voxels.
+    pub cells: f64,
+    /// Number of leaves that it passes, and of those about them.
+    pub leaves: f64,
+}
+
 impl NativeGrid {
-    fn named(&self) -> impl Fn(Error) -> Error + '_ {
+    pub(super) fn named(&self) -> impl Fn(Error) -> Error + '_ {
         |e| e.part(format!("grid '{}'", self.name()))
     }
 
@@ -137,7 +145,16 @@ impl NativeGrid {
     /// # Errors
     /// If the grid has no values (points).
     pub(crate) fn level_set_bytes(&self, iso: f64) -> Result<u64> {
-        let info = self.info()?;
+        let passed = self.passed(iso)?;
+        let leaf = (self.info()?.leaf_bytes() + INDEX_LEAF_BYTES) as f64;
+        Ok((2.0 * passed.leaves * leaf + passed.cells * CELL_BYTES).min(1e18) as u64 + (1 << 20))
+    }
+
+    /// Returns at least what the surface of the value `iso` passes.
+    ///
+    /// # Errors
+    /// If the grid has no values (points).
+    pub(super) fn passed(&self, iso: f64) -> Result<Passed> {
         let (mut inside, mut mixed, mut cells) = (HashSet::new(), Vec::new(), 0.0);
         self.for_each_leaf(|leaf| {
             let at = leaf.origin.map(|c| c >> 3);
@@ -166,9 +183,7 @@ impl NativeGrid {
             tiles += 6.0 * (f64::from(tile.dim) / 8.0 + 2.0).powi(2);
         }
         cells += 64.0 * (surface - mixed.len() as f64 + tiles);
-        let leaves = band.len() as f64 + 3.0 * tiles;
-        let bytes = 2.0 * leaves * (info.leaf_bytes() + INDEX_LEAF_BYTES) as f64 + cells * CELL_BYTES;
-        Ok(bytes.min(1e18) as u64 + (1 << 20))
+        Ok(Passed { cells, leaves: band.len() as f64 + 3.0 * tiles })
     }
 
     /// Smallest and largest value of a grid of scalars, inactive voxels included; those that are not finite are left

@@ -29,6 +29,7 @@ mod native;
 pub mod preflight;
 pub mod shaded;
 mod source;
+mod surface;
 mod topology;
 pub(crate) mod up;
 pub(crate) mod vector_kind;
@@ -36,7 +37,7 @@ pub(crate) mod velocity;
 mod write;
 
 pub use dense::{DenseBox, ValueKind};
-pub(crate) use edit::ResampleFilter;
+pub(crate) use edit::{HALF_WIDTH, ResampleFilter};
 pub(crate) use excerpt::try_grid;
 pub(crate) use file::CONFIDENCE;
 pub use file::File;

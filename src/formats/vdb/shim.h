@@ -79,6 +79,24 @@ typedef struct cumulo_vdb_tile {
     int32_t active;
 } cumulo_vdb_tile;
 
+/* Points, triangles and quads of the surface of a value. */
+typedef struct cumulo_vdb_surface cumulo_vdb_surface;
+typedef struct cumulo_vdb_surface_counts {
+    size_t points;
+    size_t triangles;
+    size_t quads;
+    int32_t finite; /* 0 where values beside the surface are NaN or infinite, so that it has no place there */
+} cumulo_vdb_surface_counts;
+
+/* Triangles and quads in index space; the fourth corner of a triangle is UINT32_MAX, other corners are below the number
+ * of points. */
+typedef struct cumulo_vdb_polygons {
+    const double (*points)[3];
+    size_t point_count;
+    const uint32_t (*corners)[4];
+    size_t polygon_count;
+} cumulo_vdb_polygons;
+
 /* Version of OpenVDB: "10.0.1". Its major and minor number are those of the library that is loaded, whose symbols have
  * them in their names. */
 const char* cumulo_vdb_version(void);
@@ -207,6 +225,21 @@ int32_t cumulo_vdb_grid_to_fog(cumulo_vdb_grid* grid, cumulo_vdb_status* status)
  * least that; `voxel` is the edge of the cubic voxels, `half_width` that of the narrow band in voxels. Float and double. */
 int32_t cumulo_vdb_grid_to_level_set(cumulo_vdb_grid* grid, double iso, double voxel, float half_width,
                                      cumulo_vdb_status* status);
+/* The surface on which a grid has the value `iso`, in index space. `adaptivity`, 0 to 1, says how much flat parts are
+ * merged. With `reverse` 0, corners run as OpenVDB has them for level sets: clockwise as seen from outside. The copy fails
+ * where there is less room than the counts say. Float and double. */
+int32_t cumulo_vdb_surface_new(const cumulo_vdb_grid* grid, double iso, double adaptivity, cumulo_vdb_surface** out,
+                               cumulo_vdb_status* status);
+void cumulo_vdb_surface_free(cumulo_vdb_surface* surface);
+int32_t cumulo_vdb_surface_count(const cumulo_vdb_surface* surface, cumulo_vdb_surface_counts* out,
+                                 cumulo_vdb_status* status);
+int32_t cumulo_vdb_surface_copy(const cumulo_vdb_surface* surface, const cumulo_vdb_surface_counts* room,
+                                int32_t reverse, double (*points)[3], uint32_t (*triangles)[3], uint32_t (*quads)[4],
+                                cumulo_vdb_status* status);
+/* A level set of a closed surface: floats, voxels of edge `voxel` with (0, 0, 0) at the origin, and a narrow band of
+ * `half_width` voxels to each side. */
+int32_t cumulo_vdb_grid_from_polygons(const cumulo_vdb_polygons* polygons, double voxel, float half_width,
+                                      cumulo_vdb_grid** out, cumulo_vdb_status* status);
 /* Multiplies every vector by a 3x3 matrix, given row by row, which acts on columns. */
 int32_t cumulo_vdb_grid_turn_vectors(cumulo_vdb_grid* grid, const double* rows, cumulo_vdb_status* status);
 /* A new grid of one component, 0 to 2, of a grid of vectors; and a new grid of vectors of three grids of scalars of one

@@ -121,6 +121,9 @@ const TRANSFER: [&str; 8] = [
     "reconstruct tf @glow --volume @plume.vdb --init {} --rays 128 --iterations 1 -o >found.tf.json",
 ];
 
+const MESH: [&str; 2] =
+    ["convert {} >out.vdb --voxel-size 0.1", "convert {} >out.vdb --voxel-size 0.02 --half-width 2 --to fog --half"];
+
 const NANO: [&str; 3] = ["info {}", "validate {}", "convert {} >out.vdb"];
 
 /// Metadata of an OME-Zarr of 4 x 3 x 2 voxels in one chunk, by the file's path.
@@ -360,6 +363,7 @@ impl Corpus {
         });
 
         let nano = ["cube.nvdb", "kinds.nvdb"].map(|name| volume("NanoVDB", name, read(name), &NANO));
+        let meshes = ["plume.ply", "text.ply", "plume.obj"].map(|name| volume("mesh", name, read(name), &MESH));
         let zarr = zarr();
         let zarrs = zarr.keys().map(|damaged| Sample {
             name: format!("OME-Zarr {}", damaged.display()),
@@ -372,6 +376,7 @@ impl Corpus {
         let slice = single("image", "slice.dcm", dicom(), Syntax::Binary, &["convert {} >out.vdb"]);
         let kinds = vec![
             ("NanoVDB", nano.into()),
+            ("meshes", meshes.into()),
             ("OME-Zarr", zarrs.collect()),
             ("images", images::samples().iter().map(image).chain([slice]).collect()),
             ("stages", stages.into()),
@@ -447,6 +452,7 @@ impl Maker {
         std::fs::copy(fixtures.join("kinds.vdb"), self.folder.join("kinds.vdb")).unwrap();
         self.cumulo("convert cube.vdb cube.nvdb");
         self.cumulo("convert kinds.vdb kinds.nvdb");
+        self.meshes();
         std::fs::copy(fixtures.join("exr/zip.exr"), self.folder.join("view.exr")).unwrap();
         self.cumulo("convert plume.vdb half.vdb --half --resample 0.1");
         self.cumulo("convert plume.vdb plain.vdb --codec none --resample 0.1");
@@ -466,6 +472,16 @@ impl Maker {
             .output()
             .unwrap();
         assert!(made.status.success(), "vdb_tool: {}", String::from_utf8_lossy(&made.stderr));
+    }
+
+    /// The surface of a volume as binary PLY and as OBJ, and a tetrahedron as PLY in text.
+    fn meshes(&self) {
+        self.cumulo("convert plume.vdb plume.ply --iso 0.3");
+        self.cumulo("convert plume.vdb plume.obj --iso 0.3");
+        let header = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+                      element face 4\nproperty list uchar int vertex_indices\nend_header\n";
+        let body = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+        self.write("text.ply", &format!("{header}{body}"));
     }
 
     fn functions(&self) {

@@ -97,7 +97,7 @@ impl Views {
             let mut film = photos::picture(&frame.picture, None, &self.fitted, self.limits)?;
             add_noise(&mut film, variant.noise, at);
             let picture = folder.join(format!("view_{at:03}.exr"));
-            exr::write_picture(&picture, &film, &exr::Attributes::new(), false)?;
+            exr::write_picture(&picture, &film, &exr::Attributes::new(), exr::Half::None)?;
             Ok(Frame { picture, ..frame.clone() })
         });
         let frames = frames.collect::<Result<Vec<_>>>()?;

@@ -123,7 +123,7 @@ impl RenderStudySettings {
         let rendered = reference::render(prepared, knobs, cameras, cancel)?;
         if let Some(pictures) = &rendered {
             for (film, path) in pictures.films.iter().zip(paths) {
-                exr::write_picture(&path, film, &session.provenance.attributes(), false)?;
+                exr::write_picture(&path, film, &session.provenance.attributes(), exr::Half::None)?;
             }
         }
         Ok(rendered)

@@ -1,0 +1,80 @@
+//! Meshes of polygons: PLY and Wavefront OBJ.
+
+pub(crate) mod builder;
+pub(crate) mod obj;
+pub(crate) mod ply;
+pub(crate) mod topology;
+
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::reading::Reading;
+use glam::DVec3;
+use std::path::Path;
+
+/// Polygons whose corners are numbers of vertices. Corners run counterclockwise as seen from outside.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Mesh {
+    /// Positions of the vertices in world units.
+    pub vertices: Vec<DVec3>,
+    /// Numbers of the corners' vertices, polygon after polygon; all are below the number of vertices.
+    pub corners: Vec<u32>,
+    /// For each polygon, the number of corners of all polygons up to it; ascending by at least 3.
+    pub ends: Vec<u32>,
+}
+
+impl Mesh {
+    /// Corners of the polygons, one after another.
+    pub fn polygons(&self) -> impl Iterator<Item = &[u32]> + '_ {
+        let starts = std::iter::once(0).chain(self.ends.iter().copied());
+        starts.zip(&self.ends).map(|(from, to)| &self.corners[from as usize..*to as usize])
+    }
+}
+
+/// How meshes of a format are read and written.
+#[derive(Debug)]
+pub struct MeshFormat {
+    /// Reads a file.
+    pub(crate) read: fn(&Path, Limits) -> Result<Mesh>,
+    /// Writes a file.
+    pub(crate) write: fn(&Path, &Mesh) -> Result<()>,
+}
+
+impl MeshFormat {
+    /// Reads a file of this format.
+    ///
+    /// # Errors
+    /// If the file cannot be read, contradicts its format, has no polygons, a polygon names a vertex that is not there,
+    /// a coordinate is not finite, or the mesh does not fit into the limits. The error names the file.
+    pub fn read(&self, path: &Path, limits: Limits) -> Result<Mesh> {
+        let _reading = Reading::begin(path);
+        let mesh =
+            (self.read)(path, limits).and_then(|mesh| if mesh.ends.is_empty() { Err(empty(&mesh)) } else { Ok(mesh) });
+        mesh.map_err(|e| e.at(path))
+    }
+
+    /// Writes a file of this format.
+    ///
+    /// # Errors
+    /// If the file cannot be written; whatever stood there stays then.
+    pub fn write(&self, path: &Path, mesh: &Mesh) -> Result<()> {
+        (self.write)(path, mesh)
+    }
+}
+
+fn empty(mesh: &Mesh) -> Error {
+    Error::invalid(format!("{} vertices and no polygons; a surface of polygons is expected", mesh.vertices.len()))
+        .hint("export the object as a mesh with faces; points and curves have no inside")
+}
+
+/// True if single precision moves no vertex by more than a ten-thousandth of the mesh's mean edge, for files whose
+/// programs expect 32-bit floats.
+pub(crate) fn fits_single(mesh: &Mesh) -> bool {
+    let largest = mesh.vertices.iter().fold(0.0_f64, |most, v| most.max(v.abs().max_element()));
+    let (mut sum, mut count) = (0.0, 0.0);
+    for polygon in mesh.polygons() {
+        let [a, b] = [polygon[0], polygon[1]].map(|c| mesh.vertices[c as usize]);
+        sum += a.distance(b);
+        count += 1.0;
+    }
+    largest < f64::from(f32::MAX) && largest * f64::from(f32::EPSILON) * count <= 2e-4 * sum
+}
