@@ -11,9 +11,9 @@ use std::path::PathBuf;
 
 /// Render a volume from many sides: a capture of EXR pictures and transforms.json; or one picture, EXR or PNG
 ///
-/// Pictures are 32-bit float (16-bit with --half), scene-linear, alpha = 1 - transmittance. Absorption shows the background through the
-/// volume; emission-absorption adds the light of a source that is part of it; with --albedo light is scattered, and
-/// pictures are made by path tracing.
+/// Pictures are 32-bit float (16-bit with --half), scene-linear, alpha = 1 - transmittance. Absorption shows the
+/// background through the volume; emission-absorption adds the light of a source that is part of it; with --albedo
+/// light is scattered, and pictures are made by path tracing.
 #[derive(Debug, clap::Args)]
 struct RenderArgs {
     /// Folder for transforms.json and the pictures; or, for one view or frame, the file of the picture: name.exr,

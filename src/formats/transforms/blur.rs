@@ -1,7 +1,6 @@
 //! Aperture and motion of a view's camera.
 
-use super::keys::{Keys, missing, short};
-use super::save::rows;
+use super::keys::{Keys, missing, rows, short};
 use crate::error::{Error, Result};
 use crate::scene::blur::{Aperture, Blur, Shutter};
 use serde_json::{Map, Value, json};

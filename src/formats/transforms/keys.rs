@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::scene::color_space::ColorSpace;
 use crate::scene::transfer::Transfer;
 use glam::DMat4;
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 /// Advice on where to take a transfer function from.
 const TRANSFER: &str =
@@ -107,6 +107,12 @@ impl Keys<'_> {
                 .hint(format!("correct '{key}', or leave it out: it is {} then", names[0]))
         })
     }
+}
+
+/// Returns a matrix as it is written: row by row.
+pub(super) fn rows(m: DMat4) -> Value {
+    let rows = [0, 1, 2, 3].map(|i| m.row(i).to_array());
+    json!(rows)
 }
 
 /// Text of a value, shortened for an error message.

@@ -1,11 +1,11 @@
 //! Writing of captures as JSON.
 
+use super::keys::rows;
 use super::{blur, folder};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::capture::Capture;
-use glam::DMat4;
 use serde_json::{Map, Value, json};
 use std::path::{Component, Path, PathBuf};
 
@@ -149,11 +149,6 @@ fn intrinsics(camera: &Camera) -> Map<String, Value> {
 /// The `f64` whose shortest text is that of the `f32`: 0.1 is written as 0.1 and read back to the same `f32`.
 fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::from(value))
-}
-
-pub(super) fn rows(m: DMat4) -> Value {
-    let rows = [0, 1, 2, 3].map(|i| m.row(i).to_array());
-    json!(rows)
 }
 
 #[cfg(test)]
