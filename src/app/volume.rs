@@ -73,7 +73,7 @@ pub(crate) fn open(path: &Path, scan: &ScanSettings, limits: Limits) -> Result<F
     let format = format_of(path)?;
     match format.kind {
         FileKind::Unknown | FileKind::Mesh(_) => return Err(registry::unread(format, path)),
-        FileKind::Exr | FileKind::Picture(_) => {
+        FileKind::Exr | FileKind::DeepExr | FileKind::Picture(_) => {
             return Err(Error::invalid("this is a picture, and no volume")
                 .hint("give an OpenVDB file; cumulo compare compares pictures, and cumulo view shows them")
                 .at(path));

@@ -36,6 +36,8 @@ pub enum FileKind {
     NanoVdb,
     /// Layers of scene-linear pictures.
     Exr,
+    /// Pictures of any number of samples a pixel, each with a depth.
+    DeepExr,
     /// A picture of integer samples.
     Picture(&'static PictureFormat),
     /// Regular grids.
@@ -65,7 +67,8 @@ impl PartialEq for Format {
 
 impl FileKind {
     /// Words for the kinds in JSON, in the order of [`Self::word`].
-    const WORDS: [&str; 9] = ["vdb", "nanovdb", "exr", "picture", "image", "capture", "usd", "mesh", "unknown"];
+    const WORDS: [&str; 10] =
+        ["vdb", "nanovdb", "exr", "deepexr", "picture", "image", "capture", "usd", "mesh", "unknown"];
 
     /// Returns the word for the kind in JSON.
     fn word(self) -> &'static str {
@@ -73,18 +76,19 @@ impl FileKind {
             Self::Vdb => 0,
             Self::NanoVdb => 1,
             Self::Exr => 2,
-            Self::Picture(_) => 3,
-            Self::Image(_) => 4,
-            Self::Capture => 5,
-            Self::Usd => 6,
-            Self::Mesh(_) => 7,
-            Self::Unknown => 8,
+            Self::DeepExr => 3,
+            Self::Picture(_) => 4,
+            Self::Image(_) => 5,
+            Self::Capture => 6,
+            Self::Usd => 7,
+            Self::Mesh(_) => 8,
+            Self::Unknown => 9,
         }]
     }
 
     /// True for pictures of any kind.
     pub(crate) fn is_picture(self) -> bool {
-        matches!(self, Self::Exr | Self::Picture(_))
+        matches!(self, Self::Exr | Self::DeepExr | Self::Picture(_))
     }
 
     /// True if an option means something to the reader of such images.

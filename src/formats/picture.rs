@@ -36,10 +36,11 @@ pub fn format(path: &Path) -> Result<&'static Format> {
 /// Reads the header of a picture.
 ///
 /// # Errors
-/// If [`format()`] fails, or the header is damaged or states a size that cannot be used.
+/// If [`format()`] fails, the header is damaged or states a size that cannot be used, or the picture is deep.
 pub fn header(path: &Path) -> Result<Header> {
     match format(path)?.kind {
         FileKind::Picture(reader) => (reader.header)(path).map_err(|e| e.at(path)),
+        FileKind::DeepExr => Err(exr::deep::refusal(path)),
         _ => Ok(Header { size: exr::header(path)?.display_window.size, bits: None, color_space: None }),
     }
 }

@@ -2,6 +2,7 @@
 //! then detected, described, converted and shown as those of its kind are, and named where others are.
 
 use super::ending::ends_in;
+use super::exr::deep;
 use super::format::{FileKind, Format};
 use super::imaging::options::ReadOption::{Array, Axes, Channel, Level, Placement, Series, Time};
 use super::imaging::write::{self, Target};
@@ -38,6 +39,16 @@ pub static EXR: Format = Format {
     frames: true,
     recognizes: |_, start| Ok(start.starts_with(&[0x76, 0x2f, 0x31, 0x01])),
     kind: FileKind::Exr,
+};
+
+/// Deep pictures of OpenEXR, whose files' names are those of flat ones.
+pub static DEEP_EXR: Format = Format {
+    name: "deep OpenEXR",
+    phrase: "a deep OpenEXR picture",
+    endings: &[],
+    frames: true,
+    recognizes: |_, start| Ok(deep::states_deep(start)),
+    kind: FileKind::DeepExr,
 };
 
 /// Arrays of NumPy: volumes, and pictures of one, three or four channels.
@@ -93,6 +104,8 @@ pub static FORMATS: &[&Format] = &[
         recognizes: |_, start| Ok(start.starts_with(b"NanoVDB")),
         kind: FileKind::NanoVdb,
     },
+    // Before flat pictures, which begin alike.
+    &DEEP_EXR,
     &EXR,
     &Format {
         name: "USD",
@@ -411,7 +424,7 @@ mod tests {
         assert_eq!(names.len(), FORMATS.len() + 2);
         let mut endings = BTreeSet::new();
         for format in FORMATS {
-            assert!(!format.endings.is_empty(), "{}", format.name);
+            assert!(!format.endings.is_empty() || *format == &DEEP_EXR, "{}", format.name);
             for ending in format.endings {
                 assert!(endings.insert(*ending), "'{ending}' of {} is that of another format", format.name);
                 assert!(!ending.starts_with('.') && *ending == ending.to_ascii_lowercase(), "{ending}");

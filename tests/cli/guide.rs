@@ -36,14 +36,15 @@ const PAGES: &[&str] = &[
     "src/guide/volumes.md",
 ];
 
-/// Volumes that the pages name and the reader brings.
-const VOLUMES: [(&str, &str); 6] = [
+/// Volumes, and a picture, that the pages name and the reader brings.
+const VOLUMES: [(&str, &str); 7] = [
     ("smoke.vdb", "plume.vdb"),
     ("head.vdb", "plume.vdb"),
     ("head.nii.gz", "head.nii.gz"),
     ("smoke.0001.vdb", "plume.vdb"),
     ("smoke.0002.vdb", "cube.vdb"),
     ("smoke.0003.vdb", "plume.vdb"),
+    ("deep.exr", "exr/deep_tiles.exr"),
 ];
 
 /// Commands that other programs run or have to precede. They are not run here: `make demo`, `tests/kernels/examples.rs` and Python's

@@ -24,6 +24,7 @@ mod command_line;
 mod compare;
 mod contradictions;
 mod convert_edits;
+mod deep;
 mod denoise;
 mod diff;
 mod embedded;

@@ -84,8 +84,12 @@ fn documents_of_every_command_are_what_their_schemas_say() {
     ok("convert", "convert a.ply a.vdb --voxel-size 0.5");
     ok("convert", "convert @head.nii.gz head.vdb --map -1024,3071");
     ok("convert", "convert cap/view_000.exr c.npy");
+    ok("convert", "convert @exr/deep_tiles.exr flat.exr --flatten");
     ok("convert", "convert @sphere_level_set.vdb fog.vdb --to fog");
-    ok("info", "info @plume.vdb @kinds.vdb @sphere_level_set.vdb @exr/nan.exr @exr/blender.exr cap a.nvdb");
+    ok(
+        "info",
+        "info @plume.vdb @kinds.vdb @sphere_level_set.vdb @exr/nan.exr @exr/blender.exr @exr/deep_tiles.exr cap a.nvdb",
+    );
     all.check("info", "info @plume.vdb bad.vdb s.####.vdb", 2);
     ok("validate", "validate @plume.vdb cap @kinds.vdb");
     all.check("validate", "validate @plume.vdb s.####.vdb bad.vdb none.vdb", 2);

@@ -231,7 +231,7 @@ fn not_a_number_is_counted() {
 #[test]
 fn what_is_not_supported_is_named() {
     let unsupported = |path: &Path, what: &str| refusal::is(&exr::read(path).unwrap_err(), Code::Unsupported, &[what]);
-    unsupported(&fixture("exr/deep.exr"), "deep data");
+    unsupported(&fixture("exr/deep.exr"), "deep OpenEXR picture");
     unsupported(&fixture("exr/htj2k32.exr"), "j2k");
     // Sampling rates stand after the name, the type and 4 bytes of flags in the list of channels.
     let dir = tempfile::tempdir().unwrap();

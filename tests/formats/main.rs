@@ -16,6 +16,7 @@
 mod common;
 
 mod captures;
+mod deep;
 mod dicom;
 mod exr;
 mod imaging;

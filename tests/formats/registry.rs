@@ -13,6 +13,7 @@ fn beginnings() -> Vec<(&'static str, Vec<u8>)> {
         ("VDB", fixture("plume.vdb")),
         ("NanoVDB", b"NanoVDB2".to_vec()),
         ("OpenEXR", fixture("exr/zip.exr")),
+        ("deep OpenEXR", fixture("exr/deep.exr")),
         ("USD", b"#usda 1.0\n".to_vec()),
         ("USD", b"\xef\xbb\xbf#usda 1.0\n".to_vec()),
         ("USD", b"PXR-USDC".to_vec()),

@@ -3,6 +3,7 @@
 
 use crate::common::random::Random;
 use cumulo::error::{Error, Kind};
+use cumulo::formats::exr::deep;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::transfer::{self, Options};
 use cumulo::formats::{captures, exr, transforms};
@@ -235,17 +236,22 @@ fn damaged_pictures() {
         if let Err(error) = exr::summary_within(&path, limits) {
             seen.check(&error, &path);
         }
+        if deep::is_deep(&path)
+            && let Err(error) = deep::summary_within(&path, limits)
+        {
+            seen.check(&error, &path);
+        }
     }
     assert!(seen.refused > rounds() / 8, "{} refused", seen.refused);
     assert!(seen.found.len() > 15 && seen.remedies.len() > 5, "{:#?}\n{:#?}", seen.found, seen.remedies);
 }
 
-/// What a feature needs is said for this feature: a plain copy by oiiotool keeps deep data deep.
+/// What a feature needs is said for this feature.
 #[test]
 fn unsupported_pictures_are_told_what_helps() {
     let fixture = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/exr").join(name);
     let remedy = |path: &Path| exr::read_picture(path, None).unwrap_err().remedy().unwrap().into_owned();
-    assert!(remedy(&fixture("deep.exr")).contains("--flatten"));
+    assert!(remedy(&fixture("deep.exr")).contains("convert.flatten"));
     assert!(remedy(&fixture("htj2k32.exr")).contains("OpenEXR 3.4"));
     // Sampling rates stand after the name, the type and 4 bytes of flags in the list of channels.
     let dir = tempfile::tempdir().unwrap();

@@ -1,7 +1,7 @@
 //! What pictures differ in beside their samples, and the conversion that makes their colors comparable.
 
 use crate::error::Result;
-use crate::formats::exr::{self, Header, Picture};
+use crate::formats::exr::{self, Header, Picture, deep};
 use crate::formats::limits::Limits;
 use crate::metrics::Comparison;
 use crate::scene::film::Film;
@@ -26,13 +26,14 @@ pub(super) struct Matched {
 }
 
 impl Matched {
-    /// Reads a layer of a picture. Colors of other primaries are converted to those of the reference.
+    /// Reads a layer of a picture, or a deep picture composited. Colors of other primaries are converted to those of
+    /// the reference.
     ///
     /// # Errors
     /// If the picture cannot be read.
     pub(crate) fn read(path: &Path, reference: &Header, layer: Option<&str>, limits: Limits) -> Result<Self> {
         let header = exr::header(path)?;
-        let mut picture = exr::picture_within(path, layer, limits)?;
+        let mut picture = deep::picture_or_flattened(path, layer, limits)?;
         let mut differences = of_headers(&header, reference);
         let mut converted = None;
         let [from, to] = [header.primaries(), reference.primaries()];

@@ -14,7 +14,8 @@ use crate::wording::all_worded;
 use std::path::Path;
 
 impl ConvertSettings {
-    fn begin_array(&self) -> Result<Limits> {
+    /// Checks that the output can be written, and returns the memory that the work may take.
+    pub(super) fn begin_array(&self) -> Result<Limits> {
         atomic::probe(&self.output)?;
         Ok(self.limits)
     }
@@ -43,21 +44,27 @@ impl ConvertSettings {
         let most = Limits { max_memory: limits.max_memory / 2 };
         let (header, layer) = (exr::header(&self.input)?, self.layer.as_deref());
         let picture = exr::picture_within(&self.input, layer, most)?;
+        drop(stage);
+        self.displayed(write, &header, picture, context)
+    }
+
+    /// Writes the pixels of a picture for display.
+    pub(super) fn displayed(
+        &self,
+        write: WritePicture,
+        header: &exr::Header,
+        picture: exr::Picture,
+        context: &Context,
+    ) -> Result<FileReport> {
+        let stage = context.stage("converting");
         let is_color = picture.is_color();
         let exr::Picture { mut film, layer, non_finite, channels } = picture;
         let mut notes = Vec::new();
         if non_finite > 0 {
             notes.push(format!("samples that are NaN or infinite: {non_finite}; NaN becomes black, infinity white"));
         }
-        let from = header.primaries();
-        if is_color && !from.is_same(&Primaries::REC_709) {
-            let matrix = from.matrix_to(Primaries::REC_709).ok_or_else(|| {
-                Error::invalid(format!("the chromaticities span no color space: {from}"))
-                    .at(&self.input)
-                    .hint("correct the attribute `chromaticities`")
-            })?;
-            film.convert(matrix);
-            notes.push(format!("colors are converted from primaries {from} to those of sRGB, Rec.709"));
+        if is_color {
+            notes.extend(self.to_rec_709(header, &mut film)?);
         }
         let tone = ToneMapping { exposure: self.exposure.unwrap_or(0.0) };
         write(&self.output, &film, tone, &exr::Attributes::new())?;
@@ -71,6 +78,21 @@ impl ConvertSettings {
             notes: all_worded(notes),
             ..Image::of(&self.input, &self.output)?
         })))
+    }
+
+    /// Converts colors to the primaries of sRGB, and returns a note if they had others.
+    pub(super) fn to_rec_709(&self, header: &exr::Header, film: &mut Film) -> Result<Option<String>> {
+        let from = header.primaries();
+        if from.is_same(&Primaries::REC_709) {
+            return Ok(None);
+        }
+        let matrix = from.matrix_to(Primaries::REC_709).ok_or_else(|| {
+            Error::invalid(format!("the chromaticities span no color space: {from}"))
+                .at(&self.input)
+                .hint("correct the attribute `chromaticities`")
+        })?;
+        film.convert(matrix);
+        Ok(Some(format!("colors are converted from primaries {from} to those of sRGB, Rec.709")))
     }
 
     /// Writes an array of one, three or four channels as a picture.

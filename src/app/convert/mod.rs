@@ -6,6 +6,7 @@ mod arrays;
 mod converted;
 mod edits;
 mod export;
+mod flatten;
 mod form;
 mod frames;
 mod grid_edit;
@@ -158,6 +159,8 @@ pub struct ConvertSettings {
     pub layer: Option<String>,
     /// Exposure of a PNG in stops, from -60 to 60; none for 0.
     pub exposure: Option<f64>,
+    /// True to composite the samples of a deep EXR, which becomes a flat one or a PNG.
+    pub flatten: bool,
     /// Edits from VDB to VDB.
     #[serde(flatten)]
     pub edits: Edits,
@@ -246,7 +249,7 @@ fn routes() -> String {
     images.append(&mut meshes);
     format!(
         "a .vdb becomes a .vdb, .nvdb, {}; an .exr becomes a .npy or {}, a .npy an .exr or .vdb, and .nvdb, meshes and \
-         other images a .vdb",
+         other images a .vdb; a deep .exr becomes a flat one or a .png with ⟨flatten⟩",
         listed(&images, "or"),
         listed(&pictures, "or")
     )
@@ -302,6 +305,15 @@ impl ConvertSettings {
                 self.layer_to_picture(*write, context)
             }
             (FileKind::Image(_), FileKind::Exr, _) if *from == NPY => self.array_to_picture(context),
+            (FileKind::DeepExr, FileKind::Exr, _) if self.flatten => self.flatten_to_exr(context),
+            (FileKind::DeepExr, FileKind::Picture(PictureFormat { write: Some(write), .. }), _) if self.flatten => {
+                self.flatten_to_picture(*write, context)
+            }
+            (FileKind::DeepExr, ..) if !self.flatten => Err(Error::unsupported(
+                "a deep OpenEXR picture is converted by compositing its samples alone, which is not asked for",
+            )
+            .at(&self.input)
+            .hint("give ⟨flatten⟩: the output is a flat .exr or a .png")),
             _ => {
                 // A name of no known ending is taken for that of a VDB.
                 let ending = self.output.extension().and_then(OsStr::to_str).filter(|_| *to.format == VDB);
@@ -365,6 +377,7 @@ impl ConvertSettings {
             ("⟨half⟩", self.half, matches!(written, FileKind::Vdb | FileKind::Exr)),
             ("⟨codec⟩", self.codec != Codec::default(), matches!(written, FileKind::Vdb)),
             ("⟨layer⟩", self.layer.is_some(), matches!(read, FileKind::Exr)),
+            ("⟨flatten⟩", self.flatten, matches!(read, FileKind::DeepExr)),
             ("⟨exposure⟩", self.exposure.is_some(), matches!(written, FileKind::Picture(_))),
             ("⟨scale⟩", values.scale.is_some(), grids),
             ("⟨offset⟩", values.offset.is_some(), grids),
@@ -384,6 +397,11 @@ impl ConvertSettings {
             ("⟨half_width⟩", self.meshes.half_width.is_some(), of_mesh),
             ("⟨adaptivity⟩", self.meshes.adaptivity.is_some(), to_mesh),
         ];
+        if self.flatten && matches!(read, FileKind::Exr) {
+            return Err(Error::invalid("⟨flatten⟩: this is a flat OpenEXR picture already")
+                .at(&self.input)
+                .hint("use it as it is; only deep pictures have samples to composite"));
+        }
         let of_edits = self.edits.stated().map(|(name, given)| {
             let besides = name == "⟨to⟩" && of_mesh || name == "⟨iso⟩" && to_mesh;
             (name, given, edits || besides)

@@ -15,6 +15,7 @@ use crate::app::volume::format_of;
 use crate::error::{Error, Kind, Result};
 use crate::formats::captures::CaptureSummary;
 use crate::formats::exr::ExrSummary;
+use crate::formats::exr::deep::{self, DeepSummary};
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::usd::StageSummary;
@@ -74,6 +75,7 @@ enum Content {
     Vdb(Volume),
     NanoVdb(nano::Summary),
     Exr(ExrSummary),
+    DeepExr(DeepSummary),
     Capture(CaptureSummary),
     Usd(StageSummary),
     Picture(picture::Summary),
@@ -154,6 +156,7 @@ impl InfoSettings {
             FileKind::Vdb => volume::summary(path, limits).map(Content::Vdb),
             FileKind::NanoVdb => nano::summary(path, limits).map(Content::NanoVdb),
             FileKind::Exr => exr::summary_within(path, limits).map(Content::Exr),
+            FileKind::DeepExr => deep::summary_within(path, limits).map(Content::DeepExr),
             FileKind::Picture(reader) => picture::summary(path, format.name, reader).map(Content::Picture),
             FileKind::Image(reader) => {
                 image::summary(path, (format, reader), &self.scan.of(format), limits).map(Content::Image)
@@ -178,6 +181,7 @@ impl fmt::Display for Content {
             Self::Vdb(volume) => volume.fmt(f),
             Self::NanoVdb(volume) => volume.fmt(f),
             Self::Exr(picture) => picture.fmt(f),
+            Self::DeepExr(picture) => picture.fmt(f),
             Self::Capture(capture) => capture.fmt(f),
             Self::Usd(stage) => stage.fmt(f),
             Self::Picture(picture) => picture.fmt(f),

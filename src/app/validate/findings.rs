@@ -2,6 +2,7 @@
 
 use crate::app::checks::Warning;
 use crate::error::{Error, Kind, Result};
+use crate::formats::exr::deep;
 use crate::formats::problem::Problem;
 use serde::Serialize;
 use std::fmt;
@@ -60,6 +61,10 @@ impl Findings {
     /// Adds a warning about the file.
     pub(super) fn warning(&mut self, warning: Warning) {
         self.add(Severity::Warning, Problem::new(warning.what, warning.remedy));
+    }
+    /// Adds what was found in a deep picture: a problem, or a note if it need not be a fault.
+    pub(super) fn deep(&mut self, finding: deep::Finding) {
+        self.add(if finding.certain { Severity::Problem } else { Severity::Note }, finding.problem);
     }
     /// Adds the error by which a reader refused the file or a part of it.
     ///

@@ -15,6 +15,7 @@ use crate::app::sequence::FrameSelection;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::app::volume::format_of;
 use crate::error::{Error, Kind, Result};
+use crate::formats::exr::deep;
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::picture::{self, Options};
@@ -172,6 +173,7 @@ fn check(path: &Path, scan: &ScanSettings, limits: Limits) -> Result<(Checked, T
         FileKind::Vdb => traits = volume::check(path, limits, &mut findings)?,
         FileKind::NanoVdb => traits = nano::check(path, limits, &mut findings)?,
         FileKind::Exr => findings.extend(exr::problems_within(path, limits)?),
+        FileKind::DeepExr => deep::findings_within(path, limits)?.into_iter().for_each(|found| findings.deep(found)),
         FileKind::Capture => capture::check(path, limits, &mut findings)?,
         FileKind::Usd => findings.extend(usd::problems(path, limits)?),
         FileKind::Picture(_) => {

@@ -3,7 +3,7 @@
 use super::shown::{Content, Layer as ShownLayer, Picture};
 use super::{ViewSettings, exposure, name_of};
 use crate::error::Result;
-use crate::formats::exr::{self, Channel, Image, Layer};
+use crate::formats::exr::{self, Channel, Image, Layer, deep};
 use crate::formats::limits::Limits;
 use crate::formats::picture::{self, Options};
 use crate::formats::png::ToneMapping;
@@ -50,11 +50,15 @@ pub(super) fn sheet(view: &ViewSettings, path: &Path) -> Result<(Sheet, Content)
     let side = view.side(SIDE, MOST).map_err(|e| e.at(path))?;
     // A layer is taken apart while all are held: one film, and the numbers of a channel in order.
     let apart = exr::header(path)?.display_window.pixels().saturating_mul((size_of::<[f32; 4]>() + 8) as u64);
-    let image = exr::read_within(path, Limits { max_memory: view.limits.max_memory.saturating_sub(apart) })?;
+    let limits = Limits { max_memory: view.limits.max_memory.saturating_sub(apart) };
+    let image = deep::image_or_flattened(path, limits)?;
     let planes: Vec<Plane> = image.layers.iter().flat_map(|layer| planes(&image, layer, side)).collect();
     let resolution = [image.width, image.height];
     let channels: usize = image.layers.iter().map(|layer| layer.channels.len()).sum();
     let mut lines = vec![format!("{} x {} pixels, {channels} channels", image.width, image.height)];
+    if deep::is_deep(path) {
+        lines.push("deep samples, flattened".into());
+    }
     if image.data_window != image.display_window {
         lines.push(format!("data window {}, display window {}", image.data_window, image.display_window));
     }

@@ -172,7 +172,7 @@ impl ViewSettings {
         let format = app::volume::format_of(path)?;
         match format.kind {
             FileKind::Vdb | FileKind::NanoVdb | FileKind::Image(_) => volume::sheet(self, path, context),
-            FileKind::Exr => layers::sheet(self, path),
+            FileKind::Exr | FileKind::DeepExr => layers::sheet(self, path),
             FileKind::Picture(_) => layers::plain(self, path, format.name),
             FileKind::Capture => capture::sheet(self, path),
             FileKind::Mesh(_) | FileKind::Unknown => Err(registry::unread(format, path)),

@@ -9,10 +9,11 @@ use crate::app::failed::Failed;
 use crate::app::frame_loop::{FrameLoop, some};
 use crate::app::sequence::numbers;
 use crate::error::{Error, Result};
+use crate::formats::exr::deep;
 use crate::formats::format::FileKind;
 use crate::formats::png::ToneMapping;
+use crate::formats::registry;
 use crate::formats::sequence::Pattern;
-use crate::formats::{exr, registry};
 use crate::math::Aabb;
 use crate::report::sheet::{Canvas, Sheet, Tile, fitted};
 use crate::report::short;
@@ -55,7 +56,7 @@ pub(super) fn sheet(
     let mut axis = None;
     let mut density_scale = None;
     let (films, exposure) = match kind(pattern, &chosen)? {
-        FileKind::Exr => pictures(view, pattern, &chosen, &mut failed, context)?,
+        FileKind::Exr | FileKind::DeepExr => pictures(view, pattern, &chosen, &mut failed, context)?,
         _ => {
             let file = |number: &u32| view.open(&pattern.path(*number)).ok();
             let up = chosen.iter().find_map(file).map(|file| view.up_of(&file)).unwrap_or_default();
@@ -96,7 +97,7 @@ fn missing(pattern: &Pattern, number: u32) -> Option<Failed> {
 
 /// True for the kinds of files whose sequences have sheets.
 pub(super) fn shows(kind: FileKind) -> bool {
-    matches!(kind, FileKind::Vdb | FileKind::NanoVdb | FileKind::Image(_) | FileKind::Exr)
+    matches!(kind, FileKind::Vdb | FileKind::NanoVdb | FileKind::Image(_) | FileKind::Exr | FileKind::DeepExr)
 }
 
 /// Returns the kind of the frames: that of the first one that can be shown.
@@ -192,7 +193,7 @@ fn pictures(
 ) -> Result<(Vec<(u32, Film)>, f64)> {
     let (mut white, side) = (0.0_f64, view.side(SIDE, numbers.len())?);
     let films = each(numbers, failed, context, |number| {
-        let film = exr::read_picture_within(&pattern.path(number), None, view.limits)?;
+        let film = deep::picture_or_flattened(&pattern.path(number), None, view.limits)?.film;
         white = white.max(exposure::white_of(&film));
         Ok(fitted(&film, side))
     })?;

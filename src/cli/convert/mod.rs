@@ -22,8 +22,8 @@ use std::path::PathBuf;
 /// (--dims) become a VDB with a grid for each array. A NanoVDB (.nvdb) becomes a VDB, and a VDB a NanoVDB. A grid of a
 /// VDB becomes a .nii, .nii.gz, .nrrd, .mha, .mhd, .vti, .vol or .npy over the box of its active voxels. VDB to VDB
 /// takes edits. A layer of an EXR becomes a .npy of [row, column, channel], row 0 at the top, and back; or a .png for
-/// display: radiance times two to the power of --exposure, clipped to 0..1, encoded by sRGB's curve. The report has the
-/// places of voxels.
+/// display: radiance times two to the power of --exposure, clipped to 0..1, encoded by sRGB's curve. A deep EXR becomes
+/// a flat one, or a .png, with --flatten. The report has the places of voxels.
 ///
 /// A grid of a VDB becomes a .ply or .obj: the surface on which it has the value of --iso, quads and triangles as
 /// OpenVDB makes them, which face outwards. A closed mesh, .ply or .obj, becomes a level set with voxels of
@@ -83,6 +83,10 @@ struct ConvertArgs {
     /// EXR to .png: exposure in stops (default: 0)
     #[arg(long, value_name = "EV", value_parser = exposure, allow_negative_numbers = true)]
     exposure: Option<f64>,
+    /// Deep EXR to a flat one or a .png: composite the samples of each pixel, sorted, and split where they overlap;
+    /// channel Z is the depth of the nearest sample that is not fully transparent, 1e10 where there is none
+    #[arg(long)]
+    flatten: bool,
     #[command(flatten)]
     edits: Edits,
     #[command(flatten)]
@@ -114,6 +118,7 @@ impl From<ConvertArgs> for ConvertSettings {
             repair: args.repair,
             layer: args.layer,
             exposure: args.exposure,
+            flatten: args.flatten,
             edits: args.edits,
             values: args.values,
             images: args.images,

@@ -133,6 +133,7 @@ const TABLE: [(&str, &[&str]); 13] = [
             "grid",
             "layer",
             "layers",
+            "flatten",
             "rename",
             "resample",
             "prune",

@@ -1,7 +1,7 @@
 //! Decoding of chunks into rows over the display window.
 
 use super::header::{self, Header, Reader};
-use super::{SampleType, Window, dwa, fault};
+use super::{SampleType, Window, deep, dwa, fault};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::ordered;
@@ -125,6 +125,9 @@ pub(super) fn blocks(
 /// True if a file can be read as an OpenEXR file, and all of its chunks can be decoded: a crash may leave a file of the
 /// right length that ends in zeros. Parts with subsampled channels, which are not decoded, do not count.
 pub(crate) fn is_whole(path: &Path) -> bool {
+    if deep::is_deep(path) {
+        return deep::is_whole(path);
+    }
     let whole = || {
         let (reader, header) = header::open(path)?;
         let parts = header.parts.iter().enumerate();

@@ -46,7 +46,7 @@ pub(crate) fn file<'i, L: WritableLayers<'i>>(image: &'i Image<L>) -> Result<Vec
 
 /// Compressor with its scratch.
 #[derive(Default)]
-struct Packer {
+pub(super) struct Packer {
     compressor: Option<Compressor>,
     /// Bytes of a block in the order of the format, and their differences.
     sorted: Vec<u8>,
@@ -81,7 +81,7 @@ impl Packer {
     }
 
     /// Returns the bytes of a block in ZIP compression, or as they are if that is not shorter, as OpenEXR does.
-    fn packed(&mut self, data: Vec<u8>) -> Result<Vec<u8>> {
+    pub(super) fn packed(&mut self, data: Vec<u8>) -> Result<Vec<u8>> {
         differences(&data, &mut self.sorted, &mut self.differences);
         let level = CompressionLvl::new(LEVEL).unwrap_or_default();
         let compressor = self.compressor.get_or_insert_with(|| Compressor::new(level));

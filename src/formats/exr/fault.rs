@@ -30,12 +30,10 @@ fn in_words(path: &Path, error: exr::error::Error) -> Error {
     .at(path)
 }
 
-/// Advice on how to convert a file with an unsupported feature. Each conversion was tried with OpenImageIO 3.0: a plain
-/// copy keeps deep data deep, and HTJ2K needs OpenEXR 3.4.
+/// Advice on how to convert a file with an unsupported feature. Each conversion was tried with OpenImageIO 3.0: HTJ2K
+/// needs OpenEXR 3.4.
 fn remedy(feature: &str) -> &'static str {
-    if feature.contains("deep") {
-        "flatten it first: `oiiotool in.exr --flatten -o out.exr`, or DeepToImage in Nuke"
-    } else if feature.contains("subsampl") {
+    if feature.contains("subsampl") {
         SUBSAMPLED
     } else if feature.contains("j2k") {
         "write it with ZIP compression: `oiiotool in.exr --compression zip -o out.exr` (oiiotool with OpenEXR 3.4 or \
@@ -54,6 +52,21 @@ pub(super) const SUBSAMPLED: &str = "write R, G and B at full resolution; lumina
 /// The error for a file that contradicts its format.
 pub(super) fn damaged(what: &str) -> Error {
     Error::invalid(format!("damaged or incomplete OpenEXR file: {what}")).hint("render or copy the file again")
+}
+
+/// The error that a picture is deep where a flat one is needed.
+pub(super) fn deep() -> Error {
+    Error::unsupported(
+        "this is a deep OpenEXR picture, and a flat one is expected: its pixels have samples at many depths",
+    )
+    .hint("flatten it first with ⟨convert.flatten⟩, or with DeepToImage in Nuke")
+}
+
+/// The error that a deep picture has no layer of that name.
+pub(super) fn no_layers(name: &str) -> Error {
+    Error::invalid(format!("layer '{name}' of a deep picture, whose samples have no layers"))
+        .coded(Code::NoSuchLayer)
+        .hint("leave ⟨layer⟩ out")
 }
 
 /// The error that more memory is needed than allowed: `held` bytes of samples and `working` bytes while chunks are

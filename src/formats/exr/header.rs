@@ -1,6 +1,6 @@
 //! Headers of files, and the limits that protect memory from damaged ones.
 
-use super::{Window, attributes, fault};
+use super::{Window, attributes, deep, fault};
 use crate::error::{Error, Kind, Result};
 use crate::formats::input;
 use crate::scene::primaries::Primaries;
@@ -121,13 +121,13 @@ impl Header {
     }
 }
 
-/// Reads the header of an OpenEXR file.
+/// Reads the header of an OpenEXR file, flat or [deep](super::deep).
 ///
 /// # Errors
-/// If the file cannot be read, is no OpenEXR file, is damaged or uses an unsupported feature (deep data), or if its
-/// windows are too large for the file (damaged) or for memory.
+/// If the file cannot be read, is no OpenEXR file, is damaged or uses an unsupported feature, or if its windows are too
+/// large for the file (damaged) or for memory.
 pub fn header(path: &Path) -> Result<Header> {
-    Ok(open(path)?.1)
+    if deep::is_deep(path) { deep::header(path) } else { Ok(open(path)?.1) }
 }
 
 /// True if a file is empty, or begins as OpenEXR files do and has no header that can be read: what is left of a picture
@@ -145,6 +145,9 @@ fn is_cut_short(path: &Path) -> Result<bool> {
     let mut magic = [0_u8; 4];
     if file.read_exact(&mut magic).is_err() || magic != exr::meta::magic_number::BYTES {
         return Ok(false);
+    }
+    if deep::is_deep(path) {
+        return Ok(deep::header(path).is_err_and(|e| e.kind() == Kind::Invalid));
     }
     std::io::Seek::rewind(&mut file).map_err(|e| Error::io(path, e))?;
     // A picture that is too large for this program may be whole.
@@ -184,6 +187,9 @@ pub(super) fn open(path: &Path) -> Result<(Reader, Header)> {
         }
         Ok(()) => {}
     }
+    if deep::is_deep(path) {
+        return Err(deep::refusal(path));
+    }
     std::io::Seek::rewind(&mut file).map_err(|e| Error::io(path, e))?;
     let reader = fault::translated(path, || exr::block::read(BufReader::new(file), false))?;
     check(reader.headers(), bytes).map_err(|e| e.at(path))?;
@@ -207,7 +213,8 @@ fn expansion(compression: exr::compression::Compression) -> u64 {
     }
 }
 
-fn check(headers: &[exr::meta::header::Header], file_bytes: u64) -> Result<()> {
+/// Refuses headers whose pictures the file cannot hold, or memory.
+pub(super) fn check(headers: &[exr::meta::header::Header], file_bytes: u64) -> Result<()> {
     for (index, header) in headers.iter().enumerate() {
         let part = format!("part {index}");
         let display = window(header.shared_attributes.display_window);
@@ -226,7 +233,9 @@ fn check(headers: &[exr::meta::header::Header], file_bytes: u64) -> Result<()> {
                 fault::damaged(&format!("{chunks} chunks expected, but the file has {file_bytes} bytes")).part(part)
             );
         }
-        let pixel_bytes = data.pixels().saturating_mul(header.channels.bytes_per_pixel as u64);
+        // A pixel of a deep part has its number of samples at least.
+        let bytes_per_pixel = if header.deep { size_of::<u32>() } else { header.channels.bytes_per_pixel };
+        let pixel_bytes = data.pixels().saturating_mul(bytes_per_pixel as u64);
         if pixel_bytes / expansion(header.compression) > file_bytes {
             return Err(fault::damaged(&format!(
                 "data window {data} needs {pixel_bytes} bytes of pixels, which {file_bytes} bytes of file cannot hold"
@@ -241,7 +250,8 @@ fn window(bounds: IntegerBounds) -> Window {
     Window { min: [bounds.position.0, bounds.position.1], size: [bounds.size.0, bounds.size.1] }
 }
 
-fn described(headers: &[exr::meta::header::Header]) -> Option<Header> {
+/// Describes the parts; none if there are none.
+pub(super) fn described(headers: &[exr::meta::header::Header]) -> Option<Header> {
     let first = headers.first()?;
     let several = headers.len() > 1;
     let parts: Vec<Part> = headers

@@ -1,7 +1,8 @@
 //! OpenEXR pictures, read and written with the `exr` crate.
 //!
 //! Supported are single and multi-part files, any layers, half, float and uint samples, scan lines and tiles (of mip
-//! and rip maps the full size). Deep data, subsampled channels and HTJ2K compression are refused by name.
+//! and rip maps the full size). Subsampled channels and HTJ2K compression are refused by name. Deep pictures are those
+//! of [`deep`]; readers of flat ones refuse them.
 //!
 //! # Windows
 //! Pictures cover the **display window**. Where a part's data window does not reach, samples are 0
@@ -14,6 +15,7 @@
 
 mod attributes;
 mod decode;
+pub mod deep;
 mod document;
 mod dwa;
 mod encode;
@@ -40,7 +42,7 @@ pub use read::{Channel, Image, Layer, read, read_within};
 pub(crate) use summary::ExrSummary;
 pub use summary::{summary, summary_within};
 pub use write::{Attributes, Half, write_picture};
-pub(crate) use write::{Placement, write_part};
+pub(crate) use write::{Placement, write_like, write_part};
 
 use serde::Serialize;
 

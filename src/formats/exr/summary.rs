@@ -131,7 +131,7 @@ fn part(part: &Part) -> PartSummary {
 
 /// Running statistics of a channel's samples.
 #[derive(Debug, Clone, Copy, Default)]
-struct Figures {
+pub(super) struct Figures {
     min: Option<f32>,
     max: Option<f32>,
     sum: f64,
@@ -140,7 +140,7 @@ struct Figures {
 }
 
 impl Figures {
-    fn add(&mut self, samples: &[f32]) {
+    pub(super) fn add(&mut self, samples: &[f32]) {
         for &v in samples {
             if v.is_finite() {
                 self.min = Some(self.min.map_or(v, |m| m.min(v)));
@@ -154,7 +154,7 @@ impl Figures {
     }
 
     /// Statistics of the channel over a display window of `pixels` pixels; pixels without a sample are 0.
-    fn summed_up(mut self, info: &ChannelInfo, pixels: u64) -> ChannelSummary {
+    pub(super) fn summed_up(mut self, info: &ChannelInfo, pixels: u64) -> ChannelSummary {
         let outside = pixels.saturating_sub(self.finite + self.non_finite as u64);
         if outside > 0 {
             self.add(&[0.0]);
@@ -182,17 +182,7 @@ impl fmt::Display for ExrSummary {
                     "" => writeln!(f, "  unnamed layer")?,
                     name => writeln!(f, "  layer '{}'", printable(name))?,
                 }
-                for c in &layer.channels {
-                    let kind = format!("{:?}", c.info.sample_type).to_lowercase();
-                    write!(f, "    {:<8} {kind:<5}", printable(&c.info.component))?;
-                    if let (Some(min), Some(max), Some(mean)) = (c.min, c.max, c.mean) {
-                        write!(f, "  {min} to {max}, mean {mean:.6}")?;
-                    }
-                    if c.non_finite > 0 {
-                        write!(f, "  ({} NaN or infinite)", c.non_finite)?;
-                    }
-                    writeln!(f)?;
-                }
+                layer.channels.iter().try_for_each(|channel| write_channel(f, channel))?;
             }
         }
         for (name, rows) in &self.camera {
@@ -201,10 +191,26 @@ impl fmt::Display for ExrSummary {
                 writeln!(f, "  [{a:>12.6} {b:>12.6} {c:>12.6} {d:>12.6}]")?;
             }
         }
-        for (name, value) in &self.attributes {
-            // Lines of a longer text are indented, so that none passes for an attribute.
-            writeln!(f, "{}: {}", printable(name), printable_lines(value).replace('\n', "\n  "))?;
-        }
-        Ok(())
+        write_attributes(f, &self.attributes)
     }
+}
+
+/// Writes a line on a channel.
+pub(super) fn write_channel(f: &mut fmt::Formatter<'_>, channel: &ChannelSummary) -> fmt::Result {
+    let kind = format!("{:?}", channel.info.sample_type).to_lowercase();
+    write!(f, "    {:<8} {kind:<5}", printable(&channel.info.component))?;
+    if let (Some(min), Some(max), Some(mean)) = (channel.min, channel.max, channel.mean) {
+        write!(f, "  {min} to {max}, mean {mean:.6}")?;
+    }
+    if channel.non_finite > 0 {
+        write!(f, "  ({} NaN or infinite)", channel.non_finite)?;
+    }
+    writeln!(f)
+}
+
+/// Writes a line on each attribute. Lines of a longer text are indented, so that none passes for an attribute.
+pub(super) fn write_attributes(f: &mut fmt::Formatter<'_>, attributes: &BTreeMap<String, String>) -> fmt::Result {
+    attributes.iter().try_for_each(|(name, value)| {
+        writeln!(f, "{}: {}", printable(name), printable_lines(value).replace('\n', "\n  "))
+    })
 }

@@ -1,6 +1,6 @@
 //! Writing of pictures: one part of scan lines with ZIP compression.
 
-use super::{encode, fault};
+use super::{Header, encode, fault};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::scene::film::Film;
@@ -46,8 +46,26 @@ impl Half {
 /// 255 bytes, if a plane has not one sample per pixel, if an attribute's name is empty, longer than 255 bytes or
 /// reserved by OpenEXR, if a finite value does not fit into half floats, or if the operating system reports an error.
 pub fn write_picture(path: &Path, film: &Film, attributes: &Attributes, half: Half) -> Result<()> {
-    let bytes = encoded(path, film, attributes, half, None).map_err(|e| e.at(path))?;
+    let bytes = encoded(path, film, attributes, half, Frame::Whole).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
+}
+
+/// Writes a picture as [`write_picture`] does, with the display window and the pixels' shape of another one's header.
+///
+/// # Errors
+/// The conditions are those of [`write_picture`].
+pub(crate) fn write_like(path: &Path, film: &Film, attributes: &Attributes, half: Half, header: &Header) -> Result<()> {
+    let bytes = encoded(path, film, attributes, half, Frame::Like(header)).map_err(|e| e.at(path))?;
+    atomic::write_bytes(path, &bytes)
+}
+
+/// Where the pixels of a film lie.
+enum Frame<'a> {
+    /// They are the whole picture.
+    Whole,
+    Part(Placement),
+    /// They are the whole picture, whose window another header states.
+    Like(&'a Header),
 }
 
 /// Place of a part within a whole picture.
@@ -70,17 +88,11 @@ pub(crate) fn write_part(
     half: Half,
     placement: Placement,
 ) -> Result<()> {
-    let bytes = encoded(path, film, attributes, half, Some(placement)).map_err(|e| e.at(path))?;
+    let bytes = encoded(path, film, attributes, half, Frame::Part(placement)).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
 }
 
-fn encoded(
-    path: &Path,
-    film: &Film,
-    attributes: &Attributes,
-    half: Half,
-    placement: Option<Placement>,
-) -> Result<Vec<u8>> {
+fn encoded(path: &Path, film: &Film, attributes: &Attributes, half: Half, frame: Frame<'_>) -> Result<Vec<u8>> {
     let (width, height) = (film.width, film.height);
     if width == 0 || height == 0 || film.rgba.len() != width * height {
         return Err(Error::invalid(format!(
@@ -96,8 +108,13 @@ fn encoded(
     };
     let channels = channels(film, half)?;
     let mut own = layer_attributes(attributes)?;
-    let mut display = None;
-    if let Some(Placement { display: whole, origin }) = placement {
+    let (mut display, mut pixel_aspect) = (None, 1.0);
+    if let Frame::Like(Header { display_window, pixel_aspect: aspect, .. }) = frame {
+        own.layer_position = Vec2(display_window.min[0], display_window.min[1]);
+        display = Some(IntegerBounds::new(own.layer_position, (width, height)));
+        pixel_aspect = *aspect;
+    }
+    if let Frame::Part(Placement { display: whole, origin }) = frame {
         let ends = [origin[0] + width, origin[1] + height];
         let [x, y] = origin.map(i32::try_from);
         let (Ok(x), Ok(y), true) = (x, y, ends[0] <= whole[0] && ends[1] <= whole[1]) else {
@@ -112,6 +129,7 @@ fn encoded(
     }
     let mut image = Image::from_layer(Layer::new((width, height), own, encoding, channels));
     image.attributes.display_window = display.unwrap_or(image.attributes.display_window);
+    image.attributes.pixel_aspect = pixel_aspect;
     let mut bytes = fault::translated(path, || encode::file(&image))?;
     sort_attributes(&mut bytes);
     Ok(bytes)
@@ -149,7 +167,11 @@ fn channels(film: &Film, half: Half) -> Result<AnyChannels<FlatSamples>> {
     Ok(AnyChannels::sort(list))
 }
 
-fn layer_attributes(attributes: &Attributes) -> Result<LayerAttributes> {
+/// Returns attributes of a part.
+///
+/// # Errors
+/// If a name is empty, longer than 255 bytes or reserved by OpenEXR, or a matrix has not sixteen numbers.
+pub(super) fn layer_attributes(attributes: &Attributes) -> Result<LayerAttributes> {
     let mut own = LayerAttributes::default();
     for (name, value) in attributes {
         let text = Text::from_slice_unchecked(value.as_bytes());
@@ -206,7 +228,7 @@ pub(super) fn sort_attributes(file: &mut [u8]) {
 }
 
 /// Length in bytes of the attribute at the start of `bytes`: name, type, size, value. `None` at the end of the list.
-fn entry_length(bytes: &[u8]) -> Option<usize> {
+pub(super) fn entry_length(bytes: &[u8]) -> Option<usize> {
     let name = bytes.iter().position(|&b| b == 0).filter(|&n| n > 0)? + 1;
     let kind = bytes[name..].iter().position(|&b| b == 0)? + 1;
     let size = bytes.get(name + kind..name + kind + 4)?;
@@ -223,9 +245,9 @@ mod tests {
         let film = Film::of(3, 2, vec![[0.25, 1.5, -2.0, 1.0]; 6]);
         let attributes: Attributes = (0..9).map(|i| (format!("cumulo:{i}"), format!("väl{i}"))).collect();
         let path = Path::new("memory.exr");
-        let first = encoded(path, &film, &attributes, Half::None, None).unwrap();
+        let first = encoded(path, &film, &attributes, Half::None, Frame::Whole).unwrap();
         for _ in 0..4 {
-            assert_eq!(first, encoded(path, &film, &attributes, Half::None, None).unwrap());
+            assert_eq!(first, encoded(path, &film, &attributes, Half::None, Frame::Whole).unwrap());
         }
     }
 

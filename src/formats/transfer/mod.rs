@@ -144,7 +144,9 @@ pub fn load(path: &Path, options: &Options) -> Result<Loaded> {
     let format = registry::sniff(path)?;
     let loaded = match format.kind {
         FileKind::Vdb | FileKind::NanoVdb => carried::load(path, options),
-        FileKind::Exr | FileKind::Picture(_) | FileKind::Image(_) | FileKind::Mesh(_) => Err(unknown(format.phrase)),
+        FileKind::Exr | FileKind::DeepExr | FileKind::Picture(_) | FileKind::Image(_) | FileKind::Mesh(_) => {
+            Err(unknown(format.phrase))
+        }
         _ if path.is_dir() => Err(unknown("a folder")),
         _ => input::bytes(path, MAX_BYTES, "a transfer function").and_then(|bytes| parse(&bytes, options)),
     };

@@ -80,6 +80,15 @@ const PICTURE: [&str; 5] = [
     "view {} --size 16 -o >sheet.png",
 ];
 
+const DEEP: [&str; 6] = [
+    "info {}",
+    "validate {}",
+    "convert {} >flat.exr --flatten",
+    "convert {} >flat.png --flatten",
+    "compare {} {}",
+    "view {} --size 16 -o >sheet.png",
+];
+
 /// Numbered, so that what works on sequences reads it, too.
 const NUMBERED: [&str; 5] = [
     "info {}",
@@ -257,7 +266,8 @@ impl Corpus {
             let bytes = std::fs::read(path).unwrap();
             let mut numbered = single("picture", "numbered.0001.exr", bytes.clone(), Syntax::Binary, &NUMBERED);
             numbered.name = format!("numbered {name}");
-            [single("picture", name, bytes, Syntax::Binary, &PICTURE), numbered]
+            let commands: &[_] = if name.starts_with("deep") { &DEEP } else { &PICTURE };
+            [single("picture", name, bytes, Syntax::Binary, commands), numbered]
         });
 
         let mut captures = Vec::new();

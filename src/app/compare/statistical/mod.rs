@@ -9,6 +9,7 @@ use super::{CompareSettings, traits};
 use crate::app::Context;
 use crate::app::outputs::{self, Content};
 use crate::error::{Code, Error, Result};
+use crate::formats::exr::deep;
 use crate::formats::{exr, png};
 use crate::metrics::heatmap;
 use crate::metrics::statistical::{self, Estimate, PIXEL_BYTES, Question};
@@ -110,6 +111,8 @@ impl CompareSettings {
     pub(super) fn test(&self, context: &Context) -> Result<StatisticalReport> {
         let _stage = context.stage("testing");
         let question = self.statistical.question(self.tolerance)?;
+        let mut pictures = [&self.a, &self.b].into_iter().chain(self.statistical.repeats());
+        pictures.try_for_each(|path| deep::refuse(path))?;
         let sides = [self.side(Which::A)?, self.side(Which::B)?];
         if let Some(path) = &self.heatmap {
             outputs::file(path, Content::Png)?;

@@ -2,7 +2,7 @@
 
 use super::Streams;
 use crate::error::{Error, Result};
-use crate::formats::exr::{self, Attributes, Placement};
+use crate::formats::exr::{self, Attributes, Placement, deep};
 use crate::formats::limits::Limits;
 use crate::render::film::{Aov, PixelSums, Replicates};
 use crate::scene::film::Film;
@@ -54,6 +54,7 @@ impl Made {
     /// # Errors
     /// If the file cannot be read, or is no such picture.
     pub(in crate::app::render) fn read(path: &Path, limits: Limits) -> Result<Read> {
+        deep::refuse(path)?;
         let header = exr::header(path)?;
         let attributes = header.attributes();
         let Some(stated) = attributes.get(REPLICATES) else {
