@@ -104,12 +104,43 @@ impl Shutter {
     }
 }
 
-/// Returns the rigid motion on the way from one to another, at a share from 0 to 1 of it.
+/// Returns the rigid motion on the way from one to another, at a share from 0 to 1 of it: positions lie on a line, and
+/// axes turn evenly. Both motions are mirrored, or neither is.
 pub fn between(from: DMat4, to: DMat4, share: f64) -> DMat4 {
-    let axes = |m: DMat4| DQuat::from_mat3(&DMat3::from_mat4(m));
+    let mirror = mirror_of(from);
     let place = |m: DMat4| m.w_axis.truncate();
     let position: DVec3 = place(from).lerp(place(to), share);
-    DMat4::from_rotation_translation(axes(from).slerp(axes(to), share), position)
+    let turned = axes(from * mirror).slerp(axes(to * mirror), share);
+    DMat4::from_rotation_translation(turned, position) * mirror
+}
+
+/// Returns the rigid motion on the way from one to another as [`between`] does, but by one even turn about a fixed axis
+/// and an even shift along it: of cameras on a circle, which look inwards, positions stay on it.
+pub fn between_on_arc(from: DMat4, to: DMat4, share: f64) -> DMat4 {
+    let mirror = mirror_of(from);
+    let (a, b) = (from * mirror, to * mirror);
+    let (axis, angle) = (axes(b) * axes(a).inverse()).to_axis_angle();
+    if angle < 1e-9 {
+        return between(from, to, share);
+    }
+    let start = a.w_axis.truncate();
+    let shift = b.w_axis.truncate() - start;
+    let along = shift.dot(axis) * axis;
+    let across = shift - along;
+    let centre = start + 0.5 * across + 0.5 / (0.5 * angle).tan() * axis.cross(across);
+    let turn = DQuat::from_axis_angle(axis, share * angle);
+    let position = centre + turn * (start - centre) + share * along;
+    DMat4::from_rotation_translation(turn * axes(a), position) * mirror
+}
+
+/// Returns the axes of a rigid motion that is not mirrored.
+fn axes(motion: DMat4) -> DQuat {
+    DQuat::from_mat3(&DMat3::from_mat4(motion))
+}
+
+/// Returns the map that takes a mirror out of a rigid motion, and back.
+fn mirror_of(motion: DMat4) -> DMat4 {
+    DMat4::from_scale(DVec3::new(motion.determinant().signum(), 1.0, 1.0))
 }
 
 /// Aperture and shutter of a camera, which blur its picture.
@@ -199,6 +230,21 @@ mod tests {
         for (time, expected) in [(0.0, DMat4::IDENTITY), (0.5, eighth), (1.0, quarter)] {
             assert!(shutter.at(eighth, time).abs_diff_eq(expected, 1e-12), "{time}");
         }
+    }
+
+    #[test]
+    fn mirrored_cameras_move_as_others_do_and_arcs_are_kept() {
+        let mirror = DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+        let at = |angle: f64| {
+            let eye = 3.0 * DVec3::new(angle.cos(), angle.sin(), 0.4);
+            crate::scene::camera::Camera::look_at(eye, DVec3::new(0.0, 0.0, 0.4), DVec3::Z)
+        };
+        let (a, b) = (at(0.3), at(1.1));
+        assert!(between_on_arc(a, b, 0.25).abs_diff_eq(at(0.5), 1e-12), "a quarter of the arc");
+        assert!(between_on_arc(a * mirror, b * mirror, 0.25).abs_diff_eq(at(0.5) * mirror, 1e-12));
+        assert!(between(a * mirror, b * mirror, 0.4).abs_diff_eq(between(a, b, 0.4) * mirror, 1e-12));
+        let shifted = DMat4::from_translation(DVec3::Y) * a;
+        assert!(between_on_arc(a, shifted, 0.5).abs_diff_eq(between(a, shifted, 0.5), 1e-12), "without a turn");
     }
 
     #[test]

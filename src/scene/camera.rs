@@ -110,7 +110,8 @@ impl Camera {
     /// or near distance cannot be used, or if an image side is outside 1 to 65536.
     pub fn checked(mut self) -> Result<Self> {
         let m = self.camera_to_world;
-        if !m.is_finite() || m.row(3) != glam::DVec4::W {
+        // Products of matrices leave some rounding in the last row.
+        if !(m.is_finite() && m.row(3).abs_diff_eq(glam::DVec4::W, 1e-9)) {
             return Err(Error::invalid("camera-to-world matrix is not a finite affine map")
                 .hint("give a 4x4 matrix, row by row, whose last row is 0 0 0 1"));
         }
@@ -148,6 +149,10 @@ impl Camera {
             for moved in [&mut shutter.start, &mut shutter.end] {
                 let camera = Self { camera_to_world: *moved, blur: Blur::default(), ..self };
                 *moved = camera.checked().map_err(|e| e.part("motion while the shutter is open"))?.camera_to_world;
+                if moved.determinant() * m.determinant() < 0.0 {
+                    return Err(Error::invalid("the camera is mirrored while its shutter is open")
+                        .hint("correct its axes, or give ⟨shutter=0⟩ for pictures without motion"));
+                }
             }
         }
         self.blur = self.blur.checked()?;

@@ -17,7 +17,7 @@ pub enum DepthMeasure {
     Ray,
 }
 
-/// Depths in world units beyond which a camera sees nothing.
+/// Depths in world units beyond which a camera sees nothing, the background included.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Holdout {
     size: [usize; 2],
@@ -63,6 +63,11 @@ impl Holdout {
         self.depths.iter().filter(|depth| **depth == 0.0).count() as f64 / self.depths.len() as f64
     }
 
+    /// Returns the number of depths along an edge of a pixel.
+    pub fn per_edge(&self) -> f64 {
+        self.size[0] as f64 / self.whole.x
+    }
+
     /// Returns the length along a ray of unit direction, drawn at a place of the picture in pixels, beyond which
     /// nothing is seen.
     pub(crate) fn far(&self, camera: &Camera, place: DVec2, ray: &Ray) -> f64 {
@@ -74,7 +79,8 @@ impl Holdout {
             (DepthMeasure::Ray, Projection::Perspective) => depth - from.dot(ray.direction),
             _ => (depth - from.dot(camera.forward())) / ray.direction.dot(camera.forward()),
         };
-        far.max(0.0)
+        // Where nothing stands, rays end as well: what is before an object, and never the background.
+        far.clamp(0.0, f64::MAX)
     }
 }
 

@@ -141,6 +141,20 @@ fn a_stage_states_lens_and_shutter() {
     work.json(&format!("{DENSE} --cameras path --frames 1 --shutter 0.8 {size} -o path-moved"));
     work.json(&format!("{DENSE} --cameras moving.usda --frames 1 {size} -o moved"));
     assert!(off(&work, "moved/frame.0001.exr", &["path-moved/frame.0001.exr".into()]) < 1e-5);
+    // Matrices between keys have axes askew, and products of matrices a last number that is nearly 1.
+    let turned = |angle: f64| {
+        let (s, c) = angle.to_radians().sin_cos();
+        format!("( ({c}, {s}, 0, 0), ({}, {c}, 0, 0), (0, 0, 1, 0), (1, 1, 4, 0.9999999999999999) )", -s)
+    };
+    let rolling = format!(
+        "    matrix4d xformOp:transform.timeSamples = {{ 0: {}, 1: {}, 2: {} }}\n    uniform token[] xformOpOrder = \
+         [\"xformOp:transform\"]\n",
+        turned(0.0),
+        turned(30.0),
+        turned(60.0)
+    );
+    std::fs::write(work.path("rolling.usda"), stage(&format!("{rolling}{shutter}"))).unwrap();
+    work.json(&format!("{DENSE} --cameras rolling.usda --frames 1 {size} -o rolled"));
     // A camera at rest is sharp whatever its shutter, and blur can be switched off.
     work.json(&format!("{DENSE} --cameras still.usda {size} -o still.exr"));
     work.json(&format!("{DENSE} --cameras lens.usda --aperture 0 {size} -o sharp.exr"));
@@ -165,6 +179,22 @@ fn blur_without_a_meaning_is_refused() {
     refused(&format!("{one} --aperture 0.1 --focus 0 -o a.exr"), Code::Usage, &["--focus"]);
     refused(&format!("{one} --shutter 0.5 -o a.exr"), Code::Invalid, &["--shutter", "no frames", "--frames"]);
     refused(&format!("{one} --frames 0-1 --shutter 3 -o a"), Code::Usage, &["--shutter", "0 to 2"]);
+    let turning = "render @plume.vdb --frames 0-1 --size 8x8 -o a";
+    refused(&format!("{turning} --orbit 8 --shutter 1"), Code::Invalid, &["--shutter", "45 degrees", "--orbit 12"]);
+    // Cameras that mirror each other, and ones that are missing beside a frame.
+    let frame = |number: u32, x: i32| {
+        json!({
+            "file_path": format!("frame.{number:04}.exr"),
+            "transform_matrix": [[x, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 4], [0, 0, 0, 1]],
+        })
+    };
+    write_cameras(&work, "mirrored", &[frame(0, 1), frame(1, -1)]);
+    let mirrored = format!("{DENSE} --cameras mirrored --frames 0-1 -o a");
+    refused(&format!("{mirrored} --shutter 0.5"), Code::Invalid, &["--shutter", "mirror each other"]);
+    write_cameras(&work, "gap", &[frame(1, 1), frame(3, 1), frame(4, 1)]);
+    let out = work.command(&format!("{DENSE} --cameras gap --frames 3-4 --shutter 0.5 -o gaps")).output().unwrap();
+    let said = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert!(out.status.success() && said.contains("beside 2 of the frames, frame 3 the first"), "{said}");
     refused(&format!("{one} --frames 0-1 --aperture 0.1 -o a"), Code::Invalid, &["--aperture", "--focus"]);
     refused(
         &format!("{one} --aperture 0.1 --target-error 0.01 -o a.exr"),

@@ -118,14 +118,14 @@ fn what_takes_flat_pictures_says_how_to_make_one() {
     std::fs::copy(work.path("deep.exr"), work.path("frame.0001.exr")).unwrap();
     let flat = fixture("exr/zip.exr");
     std::fs::copy(flat, work.path("flat.exr")).unwrap();
-    let capture = r#"{ "camera_angle_x": 0.8, "frames": [{ "file_path": "deep.exr",
+    let capture = r#"{ "camera_angle_x": 0.8, "w": 20, "h": 21, "frames": [{ "file_path": "deep.exr",
         "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]] }] }"#;
     std::fs::write(work.path("transforms.json"), capture).unwrap();
     for words in [
         "merge deep.exr deep.exr -o out.exr",
         "denoise deep.exr -o out.exr",
         "compare --statistical deep.exr deep.exr",
-        "reconstruct transforms.json -o out.vdb",
+        "reconstruct density transforms.json -o out.vdb",
     ] {
         refusal::refused(&mut work.command(words), Code::Unsupported, &["deep", "--flatten"]);
     }

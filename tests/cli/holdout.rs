@@ -94,7 +94,7 @@ fn before_and_behind_a_depth_make_the_whole_of_straight_rays() {
         assert_eq!(said, depth == 0.0);
     }
     work.json(&format!("{white} -o open.exr"));
-    assert_eq!(work.picture("of-endless.exr").rgba, work.picture("open.exr").rgba);
+    assert_eq!(work.picture("of-endless.exr").rgba, work.picture("of-far.exr").rgba);
     assert!(work.picture("of-close.exr").rgba.iter().all(|rgba| *rgba == [0.0; 4]));
     let alphas = |name: &str| work.picture(name).rgba.iter().map(|rgba| rgba[3]).collect::<Vec<_>>();
     assert_eq!(alphas("of-far.exr"), alphas("open.exr"));
@@ -236,6 +236,26 @@ fn depths_that_cannot_be_used_are_refused() {
     write_exr(&work.path("two.exr"), SIZE, &[("a.Depth.Z", two.clone()), ("b.Depth.Z", two.clone())], |_, _| ());
     write_exr(&work.path("colors.exr"), SIZE, &["B", "G", "R"].map(|name| (name, two.clone())), |_, _| ());
     let refused = |more: &str, code, parts: &[&str]| work.refused(&format!("{render} {more}"), code, parts);
+    write_exr(&work.path("normal.exr"), SIZE, &["N.X", "N.Y", "N.Z"].map(|name| (name, two.clone())), |_, _| ());
+    refused("--holdout normal.exr --holdout-layer N", Code::Invalid, &["normal.exr", "X, Y, Z", "none is a depth"]);
+    let both = "render @plume.vdb --cameras all.json --holdout depth.exr -o both";
+    work.refused(both, Code::Invalid, &["--holdout", "2 views", "--view"]);
+    // Beside its data window a picture has no depths, and nothing stands.
+    write_exr(&work.path("window.exr"), [4, 20], &[("Z", vec![0.0; 80])], |image, layer| {
+        image.display_window = ::exr::meta::attribute::IntegerBounds::new((0, 0), (24, 20));
+        layer.layer_position = ::exr::math::Vec2(10, 0);
+    });
+    for (name, more) in [("held", "--holdout window.exr"), ("whole", "")] {
+        work.json(&format!("render @plume.vdb --cameras all.json --view 0 --background 0,0,0 {more} -o {name}.exr"));
+    }
+    let [held, whole] = ["held.exr", "whole.exr"].map(|name| work.picture(name));
+    for (i, (held, whole)) in held.rgba.iter().zip(&whole.rgba).enumerate() {
+        assert_eq!(held[3], if (10..14).contains(&(i % 24)) { 0.0 } else { whole[3] }, "{i}");
+    }
+    // Straight rays must be as many as the depths.
+    write_depth(&work, "finer.exr", [48, 40], "Z", |_, _| 3.0);
+    let out = work.command(&format!("{render} --holdout finer.exr --overwrite")).output().unwrap();
+    assert!(out.status.success() && String::from_utf8_lossy(&out.stderr).contains("--supersample 2"));
     refused("--holdout none.exr", Code::NotFound, &["none.exr"]);
     refused("--holdout small.exr", Code::Invalid, &["small.exr", "10x10", "24x20"]);
     refused("--holdout negative.exr", Code::Invalid, &["negative.exr", "column 3, row 7", "-1"]);
@@ -244,7 +264,7 @@ fn depths_that_cannot_be_used_are_refused() {
     refused("--holdout colors.exr", Code::Invalid, &["colors.exr", "no layer", "--holdout-layer"]);
     refused("--holdout-layer Z", Code::Usage, &["--holdout"]);
     refused("--holdout depth.exr --holdout-layer other", Code::NoSuchLayer, &["depth.exr", "other", "ViewLayer.Depth"]);
-    work.json(&format!("{render} --holdout two.exr --holdout-layer b.Depth"));
+    work.json(&format!("{render} --holdout two.exr --holdout-layer b.Depth --overwrite"));
     work.refused(
         "render @plume.vdb --cameras all.json --view 0 --holdout depth.exr -o depth.exr",
         Code::OutputIsInput,

@@ -24,6 +24,19 @@ pub struct BlurSettings {
     pub shutter: Option<f64>,
 }
 
+/// Way of a camera from frame to frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Way {
+    /// Along lines.
+    Line,
+    /// On the circle of a turn.
+    Arc,
+}
+
+/// Largest turn in degrees of a camera while its shutter is open: rays are those of two chords, which lie within one
+/// per cent of the circle's radius of it.
+const LARGEST_TURN: f64 = 30.0;
+
 /// Rays along an edge of a pixel below which the blur of straight rays is grainy.
 const FEW_RAYS: u32 = 4;
 
@@ -41,7 +54,7 @@ pub(super) fn grain(camera: &Camera, paths: bool, supersample: u32) -> Option<St
 
 impl BlurSettings {
     /// Refuses values out of their ranges.
-    pub(super) fn check(&self, sequence: bool) -> Result<()> {
+    pub(super) fn check(&self, sequence: bool, orbit: Option<u32>) -> Result<()> {
         let radius = self.aperture.unwrap_or_default();
         ranges::require("aperture", radius, (0.0..=1e15).contains(&radius), "a radius from 0 in world units")?;
         ranges::positive("focus", self.focus)?;
@@ -50,6 +63,12 @@ impl BlurSettings {
         if shutter > 0.0 && !sequence {
             return Err(Error::invalid("⟨shutter⟩: views are no frames between which a camera moves")
                 .hint("give ⟨frames⟩ to render a sequence, by ⟨orbit⟩ or the cameras of ⟨cameras⟩"));
+        }
+        let turn = orbit.map_or(0.0, |frames| 360.0 * shutter / f64::from(frames));
+        if turn > LARGEST_TURN {
+            let frames = (360.0 * shutter / LARGEST_TURN).ceil();
+            return Err(Error::invalid(format!("⟨shutter⟩: the camera turns by {turn:.0} degrees while it is open"))
+                .hint(format!("give ⟨orbit={frames}⟩ or more frames to a turn, or a shorter time")));
         }
         Ok(())
     }
@@ -84,16 +103,25 @@ impl BlurSettings {
     /// Returns the cameras of frames, each between those of the frames before and after, with their blur.
     ///
     /// # Errors
-    /// If no distance of focus is known: that of frames must not follow the volumes.
-    pub(super) fn of_frames(&self, cameras: Vec<[Camera; 3]>) -> Result<Vec<[Camera; 3]>> {
+    /// If no distance of focus is known, since that of frames must not follow the volumes, or cameras mirror each other.
+    pub(super) fn of_frames(&self, cameras: Vec<[Camera; 3]>, way: Way) -> Result<Vec<[Camera; 3]>> {
         let frame = |[before, camera, after]: [Camera; 3]| {
             let Camera { blur: Blur { aperture, shutter }, .. } = self.of_view(camera, || None)?;
-            let towards =
-                |beside: Camera, half: f64| blur::between(camera.camera_to_world, beside.camera_to_world, half);
+            let towards = |beside: Camera, half: f64| {
+                let [now, then] = [camera, beside].map(|camera| camera.camera_to_world);
+                if now.determinant() * then.determinant() < 0.0 {
+                    return Err(Error::invalid("⟨shutter⟩: the cameras of two frames mirror each other")
+                        .hint("correct their axes, or give ⟨shutter=0⟩ for pictures without motion"));
+                }
+                Ok(match way {
+                    Way::Line => blur::between(now, then, half),
+                    Way::Arc => blur::between_on_arc(now, then, half),
+                })
+            };
             let at_rest = [before, after].iter().all(|beside| beside.camera_to_world == camera.camera_to_world);
             let shutter = match self.shutter {
                 Some(time) if time == 0.0 || at_rest => None,
-                Some(time) => Some(Shutter { start: towards(before, 0.5 * time), end: towards(after, 0.5 * time) }),
+                Some(time) => Some(Shutter { start: towards(before, 0.5 * time)?, end: towards(after, 0.5 * time)? }),
                 None => shutter,
             };
             let blur = Blur { aperture, shutter };

@@ -3,8 +3,8 @@
 
 use super::accuracy::{AccuracyReport, Deadline, PictureError};
 use super::begun::{Pictured, is_stopped};
-use super::blur::grain;
-use super::holdout::hides_all;
+use super::blur::{Way, grain};
+use super::holdout::{coarse, hides_all};
 use super::sequence::{Done, Sequence, Shot};
 use super::target::Target;
 use super::visibility::Visibility;
@@ -29,7 +29,7 @@ use crate::app::volume;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::png::ToneMapping;
-use crate::formats::sequence::{Frames, Pattern};
+use crate::formats::sequence::{Frames, Pattern, number_of};
 use crate::formats::vdb::velocity;
 use crate::render::film::{Rendered, View};
 use crate::render::integrator::Counts;
@@ -174,6 +174,9 @@ impl RenderSettings {
         }
         let paths = numbers.iter().map(|number| target.picture(&format!("frame.{number:04}.exr")));
         let frames: Vec<(u32, PathBuf)> = numbers.iter().copied().zip(paths).collect();
+        if let Some(remark) = template.as_ref().and_then(|template| self.gaps(template, &numbers)) {
+            context.note(format!("remark: {remark}"));
+        }
         let sequence = Sequence {
             render: self,
             target,
@@ -203,7 +206,28 @@ impl RenderSettings {
             Ok([before?, camera?, after?])
         };
         let cameras = between(template, path, numbers, self.camera_offset)?.into_iter().map(cropped);
-        self.blur.of_frames(cameras.collect::<Result<_>>()?)
+        self.blur.of_frames(cameras.collect::<Result<_>>()?, Way::Line)
+    }
+}
+
+impl RenderSettings {
+    /// Returns what is to be said of frames beside which a moving camera is not known.
+    fn gaps(&self, template: &Capture, numbers: &[u32]) -> Option<String> {
+        self.blur.shutter.filter(|time| *time > 0.0 && template.frames.len() > 1)?;
+        let known: BTreeSet<u32> = template.frames.iter().filter_map(|f| number_of(&f.picture)).collect();
+        let lacks = |number: &&u32| {
+            let own = number.checked_add_signed(self.camera_offset);
+            own.is_some_and(|n| {
+                !known.contains(&n.saturating_add(1)) || n.checked_sub(1).is_none_or(|n| !known.contains(&n))
+            })
+        };
+        let lacking: Vec<&u32> = numbers.iter().filter(lacks).collect();
+        let first = lacking.first()?;
+        Some(format!(
+            "⟨shutter⟩: beside {} of the frames, frame {first} the first of them, a camera is missing in ⟨cameras⟩, and the \
+             motion to that side is not blurred",
+            lacking.len()
+        ))
     }
 }
 
@@ -387,10 +411,14 @@ impl Sequence<'_> {
         Ok(Shot { capture, scales, scene, focus, colors, plan, provenance, paths, moving })
     }
 
-    /// Remarks once on depths at which all is hidden.
-    fn note_hidden(&mut self, holdout: Option<&Holdout>, context: &Context) {
-        if let Some(remark) = holdout.and_then(hides_all).filter(|remark| self.remarks.insert(remark.clone())) {
-            context.note(format!("remark: {remark}"));
+    /// Remarks on depths that may have been meant otherwise, on what stands for all frames once.
+    fn note_held_out(&mut self, holdout: Option<&Holdout>, paths: bool, context: &Context) {
+        let Some(holdout) = holdout else { return };
+        let coarse = coarse(holdout, paths, self.pictures.supersample);
+        for remark in hides_all(holdout).into_iter().chain(coarse) {
+            if self.remarks.insert(remark.clone()) {
+                context.note(format!("remark: {remark}"));
+            }
         }
     }
 
@@ -418,7 +446,7 @@ impl Sequence<'_> {
         let stated = self.template.as_ref().and_then(|c| c.frames.first());
         let holdout = self.render.held_out(number, stated)?;
         let whole = self.pictures.whole(self.target, stated);
-        self.note_hidden(holdout.as_ref(), context);
+        self.note_held_out(holdout.as_ref(), shot.paths, context);
         let mut provenance = shot.provenance.clone();
         provenance.files(self.render.holdout.file(number).as_deref())?;
         let (before, after, holdout) = (Some(&before), Some(&after), holdout.as_ref());

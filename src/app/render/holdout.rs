@@ -40,6 +40,17 @@ impl HoldoutSettings {
         Ok(())
     }
 
+    /// Refuses one picture of depths for several views.
+    pub(super) fn check_views(&self, views: usize) -> Result<()> {
+        match &self.holdout {
+            Some(path) if views > 1 && pattern(path).is_none() => {
+                Err(Error::invalid(format!("⟨holdout⟩: one picture of depths for {views} views"))
+                    .hint("give one for each view, depth.####.exr, or choose a view with ⟨view⟩"))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Returns the file with the depths for the view or frame of a number.
     pub(super) fn file(&self, number: u32) -> Option<PathBuf> {
         let path = self.holdout.as_ref()?;
@@ -61,6 +72,16 @@ impl RenderSettings {
         let view = (self.pictures.whole_size(stated), self.pictures.crop);
         Holdout::new(size, depths, *holdout_depth, view).map(Some).map_err(|e| e.at(&path))
     }
+}
+
+/// Returns what is to be said of depths that straight rays, this many along an edge of a pixel, do not all meet.
+pub(super) fn coarse(holdout: &Holdout, paths: bool, supersample: u32) -> Option<String> {
+    let per_edge = holdout.per_edge().round();
+    (!paths && per_edge > f64::from(supersample)).then(|| {
+        format!(
+            "⟨holdout⟩ has {per_edge} depths along an edge of a pixel: give ⟨supersample={per_edge}⟩ to see all of them"
+        )
+    })
 }
 
 /// Returns what is to be said of depths of 0, at which all is hidden.
@@ -86,12 +107,27 @@ fn depths(path: &Path, layer: Option<&str>, limits: Limits) -> Result<([usize; 2
         .map_err(|e| if e.code() == Code::NoSuchLayer { e.instead(NAME_ONE) } else { e })?;
     let at = match &found.channels[..] {
         [_] => 0,
-        several => several.iter().position(|channel| channel.eq_ignore_ascii_case("z")).ok_or_else(|| {
-            Error::invalid(format!("the layer '{name}' has the channels {}, and none is Z", several.join(", ")))
-                .hint("name a layer with one channel, or one with a channel Z: ⟨holdout_layer⟩")
-        })?,
+        several => {
+            let place = |name: &str| several.iter().position(|channel| channel.eq_ignore_ascii_case(name));
+            // X, Y and Z are a vector.
+            place("z").filter(|_| place("x").is_none()).ok_or_else(|| {
+                let channels = several.join(", ");
+                Error::invalid(format!("the layer '{name}' has the channels {channels}, and none is a depth"))
+                    .hint("name a layer with one channel, or one with a depth Z: ⟨holdout_layer⟩")
+            })?
+        }
     };
-    let depths = found.values.iter().skip(at).step_by(found.channels.len()).copied().collect();
+    let mut depths: Vec<f32> = found.values.iter().skip(at).step_by(found.channels.len()).copied().collect();
+    // Beside what was rendered nothing stands.
+    let part = header.layers().into_iter().find(|layer| layer.name == found.name).map_or(0, |layer| layer.part);
+    let (window, display) = (header.parts[part].data_window, header.display_window);
+    for (place, depth) in depths.iter_mut().enumerate() {
+        let at = [place % found.width, place / found.width];
+        let from = [0, 1].map(|a| i64::from(display.min[a]) + at[a] as i64 - i64::from(window.min[a]));
+        if (0..2).any(|a| from[a] < 0 || from[a] >= window.size[a] as i64) {
+            *depth = f32::INFINITY;
+        }
+    }
     Ok(([found.width, found.height], depths))
 }
 

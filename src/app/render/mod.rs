@@ -203,7 +203,7 @@ impl RenderSettings {
         let _inputs = inputs::protect(inputs, self.pictures.limits);
         self.pictures.check()?;
         ranges::positive("fps", self.fps)?;
-        self.blur.check(self.is_sequence())?;
+        self.blur.check(self.is_sequence(), self.orbit)?;
         self.holdout.check()?;
         self.accuracy.check(&self.pictures)?;
         if let Some(input) = self.pictures.sequence_of_folder()? {

@@ -3,7 +3,7 @@
 use super::accuracy::{AccuracyReport, Deadline, PictureError, Turn};
 use super::begun::Pictured;
 use super::blur::grain;
-use super::holdout::hides_all;
+use super::holdout::{coarse, hides_all};
 use super::target::Target;
 use super::visibility::Visibility;
 use super::{RenderSettings, fits, straight};
@@ -250,12 +250,14 @@ impl RenderSettings {
         pictures.scattering.check(paths)?;
         let whole = pictures.whole(target, template.as_ref().and_then(|c| c.frames.get(numbers[0])));
         remarks.extend(capture.frames.iter().find_map(|frame| grain(&frame.camera, paths, pictures.supersample)));
+        self.holdout.check_views(numbers.len())?;
         let of_view = |number: &usize| template.as_ref().and_then(|c| c.frames.get(*number));
         let holdout = |number: &usize| self.held_out(*number as u32, of_view(number));
         let holdouts = numbers.iter().map(holdout).collect::<Result<Vec<_>>>()?;
         let files: Vec<PathBuf> = numbers.iter().filter_map(|number| self.holdout.file(*number as u32)).collect();
         provenance.files(files.iter().map(PathBuf::as_path))?;
         remarks.extend(holdouts.iter().flatten().find_map(hides_all));
+        remarks.extend(holdouts.iter().flatten().find_map(|held| coarse(held, paths, pictures.supersample)));
         remarks.iter().for_each(|remark| context.note(format!("remark: {remark}")));
         let scales = DensityScales::of(&subject, capture.density_scale);
         let colors = subject.colors().cloned();

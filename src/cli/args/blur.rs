@@ -9,15 +9,15 @@ use crate::cli::parse;
 struct BlurArgs {
     /// Depth of field: radius of the camera's aperture in world units, 0 for sharp pictures (default: that of the
     /// camera in --cameras or in the stage)
-    #[arg(long, value_name = "RADIUS", value_parser = parse::not_negative)]
+    #[arg(long, value_name = "RADIUS", value_parser = parse::not_negative, allow_negative_numbers = true)]
     aperture: Option<f64>,
     /// Distance along the viewing axis to what is sharp, in world units (default: that of the camera; else the middle
     /// of the volume, but of frames it must be stated)
-    #[arg(long, value_name = "D", value_parser = parse::positive)]
+    #[arg(long, value_name = "D", value_parser = parse::positive, allow_negative_numbers = true)]
     focus: Option<f64>,
     /// Motion blur of a moving camera: time in frames during which the shutter is open, about the frame; 0.5 is film's
     /// 180 degrees, 0 switches it off (default: that of the camera). Volumes are not blurred by their own motion
-    #[arg(long, value_name = "FRAMES", value_parser = parse::not_negative)]
+    #[arg(long, value_name = "FRAMES", value_parser = parse::not_negative, allow_negative_numbers = true)]
     shutter: Option<f64>,
 }
 

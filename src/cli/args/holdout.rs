@@ -10,8 +10,9 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 struct HoldoutArgs {
     /// Hold the volume out behind the objects of this depth picture, or of those of the frames, depth.####.exr: what is
-    /// beyond the depth of a pixel is not seen, and alpha is that of what is before it. Lights pass the objects. Rims
-    /// are smooth if the depth picture has a multiple of the pixels
+    /// beyond the depth of a pixel is not seen, the background included, and alpha is that of what is before it. Lights
+    /// pass the objects. Rims are smooth if the depth picture has a multiple of the pixels, without --albedo with as
+    /// much --supersample
     #[arg(long, value_name = "EXR")]
     holdout: Option<PathBuf>,
     /// Layer of the depth picture that has the depths (default: the only one named Depth or Z)

@@ -14,7 +14,7 @@ use super::stage::Stage;
 use crate::error::{Error, Result};
 use crate::scene::blur::{Aperture, Blur, Shutter};
 use crate::scene::camera::{Camera, Projection};
-use glam::DVec2;
+use glam::{DMat3, DMat4, DVec2};
 
 /// Stage units for a unit of the aperture.
 const APERTURE_UNIT: f64 = 0.1;
@@ -60,6 +60,15 @@ fn film(prim: &Prim, time: f64) -> Result<Film> {
     let lens = (f_stop > 0.0)
         .then(|| Aperture::disc(0.5 * APERTURE_UNIT * film.focal_length / f_stop, number("focusDistance", 0.0)));
     Ok(Film { lens, ..film })
+}
+
+/// Returns a motion with axes that are orthogonal and of unit length, of which the viewing axis is kept.
+fn straightened(motion: DMat4) -> DMat4 {
+    let [x, y, z] = [motion.x_axis, motion.y_axis, motion.z_axis].map(|axis| axis.truncate());
+    let back = z.normalize_or_zero();
+    let right = x.reject_from_normalized(back).normalize_or_zero();
+    let up = back.cross(right) * back.cross(right).dot(y).signum();
+    DMat4::from_mat3_translation(DMat3::from_cols(right, up, back), motion.w_axis.truncate())
 }
 
 /// Returns the times as the shutter opens and closes, relative to that of a frame; none where it is never open.
@@ -147,8 +156,12 @@ impl Stage {
         };
         let exposed = exposed(camera, time).filter(|_| self.is_moving(camera));
         let at = |shift: f64| self.local_to_world(camera, time + shift);
-        let shutter = exposed.map(|[open, close]| Ok::<_, Error>(Shutter { start: at(open)?, end: at(close)? }));
-        let camera_to_world = at(exposed.map_or(0.0, |[open, close]| 0.5 * (open + close)))?;
+        // Between keys, matrices are interpolated number by number, which leaves their axes askew.
+        let straight = |shift: f64| at(shift).map(straightened);
+        let shutter =
+            exposed.map(|[open, close]| Ok::<_, Error>(Shutter { start: straight(open)?, end: straight(close)? }));
+        let middle = exposed.map_or(0.0, |[open, close]| 0.5 * (open + close));
+        let camera_to_world = if middle == 0.0 { at(0.0)? } else { straight(middle)? };
         let view = Camera {
             camera_to_world,
             projection,
