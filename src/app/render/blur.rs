@@ -103,7 +103,8 @@ impl BlurSettings {
     /// Returns the cameras of frames, each between those of the frames before and after, with their blur.
     ///
     /// # Errors
-    /// If no distance of focus is known, since that of frames must not follow the volumes, or cameras mirror each other.
+    /// If no distance of focus is known, since that of frames must not follow the volumes, or cameras mirror each
+    /// other.
     pub(super) fn of_frames(&self, cameras: Vec<[Camera; 3]>, way: Way) -> Result<Vec<[Camera; 3]>> {
         let frame = |[before, camera, after]: [Camera; 3]| {
             let Camera { blur: Blur { aperture, shutter }, .. } = self.of_view(camera, || None)?;
