@@ -101,3 +101,34 @@ def medium_node(kind="ShaderNodeVolumePrincipled"):
     tree.links.new(other.outputs[0], node.outputs[0].links[0].to_socket)
     tree.nodes.remove(node)
     return other, tree
+
+
+def world(kind):
+    """A change: a node of this kind lights the world."""
+
+    def change(scene):
+        scene.world = bpy.data.worlds.new("Sky")
+        tree = scene.world.node_tree
+        back = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeBackground")
+        tree.links.new(tree.nodes.new(kind).outputs[0], back.inputs["Color"])
+
+    return change
+
+
+def driven(factor, grid, socket, tree):
+    """Drives a socket by the grid times a factor."""
+    attribute, multiply = tree.nodes.new("ShaderNodeAttribute"), tree.nodes.new("ShaderNodeMath")
+    attribute.attribute_name, multiply.operation = grid, "MULTIPLY"
+    multiply.inputs[1].default_value = factor
+    tree.links.new(attribute.outputs["Fac"], multiply.inputs[0])
+    tree.links.new(multiply.outputs[0], socket)
+
+
+def instance_of(scene, thing):
+    """Links an object into a collection that is not in the scene, and an instance of that; returns the collection."""
+    inner, outer = (bpy.data.collections.new(name) for name in ("Inner", "Outer"))
+    outer.children.link(inner)
+    inner.objects.link(thing)
+    place = link_object(scene, "Instance", None)
+    place.instance_type, place.instance_collection = "COLLECTION", outer
+    return inner

@@ -50,7 +50,7 @@ impl Divisible for RenderSettings {
     }
 
     fn inputs(&self) -> Vec<&Path> {
-        self.pictures.inputs()
+        self.read()
     }
 
     fn seconds(&self, context: &Context) -> Option<f64> {

@@ -49,7 +49,7 @@ use crate::scene::scene::Scene;
 use accuracy::{Made, Measured, PictureError, Turn};
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 use target::Target;
 
@@ -199,8 +199,7 @@ impl RenderSettings {
     }
 
     fn begun_at(&self, begun: Instant, context: &Context) -> Result<RenderReport> {
-        let inputs = self.pictures.inputs().into_iter().chain(self.holdout.holdout.as_deref());
-        let _inputs = inputs::protect(inputs, self.pictures.limits);
+        let _inputs = inputs::protect(self.read(), self.pictures.limits);
         self.pictures.check()?;
         ranges::positive("fps", self.fps)?;
         self.blur.check(self.is_sequence(), self.orbit)?;
@@ -220,6 +219,11 @@ impl RenderSettings {
             return self.run_frames(target, begun, context).map(RenderReport::Frames);
         }
         self.run_views(target, begun, context).map(RenderReport::Views)
+    }
+
+    /// Returns the paths that are read.
+    fn read(&self) -> Vec<&Path> {
+        self.pictures.inputs().into_iter().chain(self.holdout.holdout.as_deref()).collect()
     }
 
     /// Begins the record of where the pictures come from.
