@@ -224,8 +224,8 @@ impl RenderSettings {
         let lacking: Vec<&u32> = numbers.iter().filter(lacks).collect();
         let first = lacking.first()?;
         Some(format!(
-            "⟨shutter⟩: beside {} of the frames, frame {first} the first of them, a camera is missing in ⟨cameras⟩, and \
-             the motion to that side is not blurred",
+            "⟨shutter⟩: beside {} of the frames, frame {first} the first of them, a camera is missing in ⟨cameras⟩, \
+             and the motion to that side is not blurred",
             lacking.len()
         ))
     }

@@ -101,7 +101,7 @@ mod tests {
         let bytes = unpacked(Compression::RLE, &packed, 7).unwrap();
         // 10, 11, 10, 10 at even places, 10, 10, 10 at odd ones.
         assert_eq!(bytes, [10, 10, 11, 10, 10, 10, 10]);
-        for (packed, length) in [(&packed[..5], 7), (&packed[..], 6), (&packed[..], 8), (&[0xfd, 1][..], 3)] {
+        for (packed, length) in [(&packed[..5], 7), (&packed[..], 5), (&packed[..], 8), (&[0xfd, 1][..], 3)] {
             assert!(unpacked(Compression::RLE, packed, length).is_err());
         }
     }
