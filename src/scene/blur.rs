@@ -183,7 +183,8 @@ mod tests {
 
     /// Means over a fine grid of numbers.
     fn moments(aperture: &Aperture) -> (DVec2, DVec2, f64) {
-        let n = 400;
+        // A multiple of the numbers of blades.
+        let n = 420;
         let (mut mean, mut squares, mut furthest) = (DVec2::ZERO, DVec2::ZERO, 0.0_f64);
         for i in 0..n * n {
             let numbers = [i % n, i / n].map(|k| (f64::from(k) + 0.5) / f64::from(n));

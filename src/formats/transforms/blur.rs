@@ -1,6 +1,6 @@
 //! Aperture and motion of a view's camera.
 
-use super::keys::{Keys, missing, rows, short};
+use super::keys::{Keys, missing, rows};
 use crate::error::{Error, Result};
 use crate::scene::blur::{Aperture, Blur, Shutter};
 use serde_json::{Map, Value, json};
@@ -42,12 +42,10 @@ fn shutter(keys: &Keys) -> Result<Option<Shutter>> {
     match (start?, end?) {
         (None, None) => Ok(None),
         (Some(start), Some(end)) => Ok(Some(Shutter { start, end })),
-        (start, _) => {
-            let [there, not] = if start.is_some() { MOTIONS } else { [MOTIONS[1], MOTIONS[0]] };
-            let value = own.get(there).map(short).unwrap_or_default();
-            Err(missing(not, "the camera-to-world matrix at the other end of the time in which the shutter is open")
-                .part(format!("'{there}' is {value}")))
-        }
+        (start, _) => Err(missing(
+            if start.is_some() { MOTIONS[1] } else { MOTIONS[0] },
+            "the camera-to-world matrix at the other end of the time in which the shutter is open",
+        )),
     }
 }
 

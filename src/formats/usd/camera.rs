@@ -56,9 +56,9 @@ fn film(prim: &Prim, time: f64) -> Result<Film> {
     if !(film.focal_length > 0.0 && film.focal_length.is_finite()) && projection == Projection::Perspective {
         return bad(format!("focal length {} must be positive and finite", film.focal_length));
     }
-    let f_stop = number("fStop", 0.0);
-    let lens = (f_stop > 0.0)
-        .then(|| Aperture::disc(0.5 * APERTURE_UNIT * film.focal_length / f_stop, number("focusDistance", 0.0)));
+    let [f_stop, focus] = ["fStop", "focusDistance"].map(|name| number(name, 0.0));
+    let radius = 0.5 * APERTURE_UNIT * film.focal_length / f_stop;
+    let lens = (f_stop > 0.0 && focus > 0.0).then(|| Aperture::disc(radius, focus));
     Ok(Film { lens, ..film })
 }
 
@@ -179,10 +179,14 @@ impl Stage {
         view.checked().map_err(|e| blame(advised(e)))
     }
 
-    /// Returns what a camera states and pictures do not show: an exposure, clipping.
+    /// Returns what a camera states and pictures do not show: an f-stop without a focus, an exposure, clipping.
     pub(crate) fn camera_remarks(&self, camera: &Prim, time: f64) -> Vec<String> {
         let number = |name: &str| camera.number(name, time).unwrap_or_default();
         let told = [
+            (
+                number("fStop") > 0.0 && number("focusDistance") <= 0.0,
+                "it has an f-stop and no focusDistance, without which its depth of field is not known: all is sharp",
+            ),
             (
                 number("exposure") != 0.0 || camera.attributes.keys().any(|name| name.starts_with("exposure:")),
                 "its exposure has no effect: pictures are in the scene's radiance",

@@ -7,7 +7,7 @@ use super::prim::Prim;
 use super::stage::Stage;
 use super::value::Asset;
 use super::volume::{Field, Role};
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::{self, LoadedScene, MediumEntry, SceneVolume};
 use crate::formats::transfer::{self, Function, Loaded};
@@ -223,7 +223,16 @@ impl Reader<'_> {
             ));
         }
         record(asset, scene);
-        self.stage.read(asset, |path| read(&File::open(path, self.limits)?))
+        let found = self.stage.read(asset, |path| read(&File::open(path, self.limits)?));
+        found.map_err(|e| match e.code() {
+            // The stage says which grid it is.
+            Code::NoSuchGrid => place(
+                Error::invalid(format!("{}: {}", e.path().unwrap_or(&path).display(), e.what()))
+                    .coded(Code::NoSuchGrid)
+                    .hint("correct 'fieldName', or write the grid to the file"),
+            ),
+            _ => e,
+        })
     }
 
     /// Reads the grid of a scalar field.
