@@ -402,7 +402,7 @@ fn an_interrupt_writes_what_is_there() {
     let work = Work::new();
     work.write("a.vdb", &[&lumpy()]);
     let middle = centre(&work, "a.vdb");
-    work.json("render a.vdb --views 6 --size 160x160 -o c");
+    work.json("render a.vdb --views 6 --size 256x256 -o c");
     disturb(&work, "c/transforms.json", "c/off.json", middle, 2.0, 2.0, 1.0);
     let child = work.start("pose c/off.json --volume a.vdb -o found.json --report page --json");
     until("the work begins", || work.path("page").exists());

@@ -18,7 +18,7 @@ def blurred_camera(scene, complaints):
     does."""
     if not scene.render.use_motion_blur:
         return camera_of(scene, complaints)
-    for complaint in _complaints_of(scene):
+    for complaint in _complaints_of(scene, complaints):
         complaints.add(complaint)
     time = scene.render.motion_blur_shutter
     middle = scene.frame_current_final + time * POSITIONS[scene.render.motion_blur_position]
@@ -70,8 +70,8 @@ def _places(scene, complaints):
     }
 
 
-def _complaints_of(scene):
-    """The complaints about motion blur that an export can do without."""
+def _complaints_of(scene, complaints):
+    """The complaints about motion blur that an export can do without; `complaints` are those that there are."""
     curve = scene.render.motion_blur_shutter_curve
     curve.initialize()
     opened = [curve.evaluate(curve.curves[0], 0.05 + 0.1 * i) for i in range(10)]
@@ -89,7 +89,7 @@ def _complaints_of(scene):
             "switch Rolling Shutter off (Render Properties > Motion Blur)",
             "all rows of a picture are taken at once",
         )
-    for placed in placed_objects(scene):
+    for placed in placed_objects(scene, complaints):
         thing = placed.object
         if thing.type == "VOLUME" and thing.original.cycles.use_motion_blur and _has_velocities(thing.data):
             yield Complaint(
