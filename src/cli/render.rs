@@ -26,7 +26,8 @@ struct RenderArgs {
     /// Write a PNG beside each EXR: radiance times 2^EXPOSURE, clipped to 0..1, sRGB
     #[arg(long)]
     png: bool,
-    /// Write colors and alpha of EXRs in 16 bits, and the planes of --aov in 32; a color beyond 65504 leaves all in 32
+    /// Write colors and alpha of EXRs in 16 bits, and the planes of --aov in 32; a color beyond 65504 leaves all in
+    /// 32. With --resume a picture that was stopped begins anew
     #[arg(long)]
     half: bool,
     /// Exposure of PNGs in stops (default: 0)

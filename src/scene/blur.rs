@@ -217,6 +217,10 @@ mod tests {
         // The square's edges are parallel to the axes, at 1/√2.
         let most = (0..100).map(|i| square.point([0.2499999, f64::from(i) / 100.0]).x).fold(0.0, f64::max);
         assert!((most - 0.5_f64.sqrt()).abs() < 1e-3, "{most}");
+        // Against the clock: an edge's middle is up to the right.
+        let third = Aperture { blades: 3, rotation: 0.5, ..Aperture::disc(1.0, 1.0) };
+        let middle = third.point([0.333_333, 0.5]);
+        assert!(middle.abs_diff_eq(0.5 * DVec2::from_angle(0.5), 1e-3), "{middle}");
         let turned = Aperture { rotation: 0.25 * PI, ..square };
         assert!(turned.point([0.24999999, 0.0]).abs_diff_eq(DVec2::new(1.0, 0.0), 1e-3), "a corner");
     }

@@ -105,6 +105,16 @@ fn motion_blur_is_the_mean_over_the_open_time() {
     assert!((start[0][3].as_f64().unwrap() - (EYE[0] - 0.36)).abs() < 1e-12, "{start}");
     work.json(&format!("{DENSE} --cameras moved --view 1 --supersample 16 -o again.exr"));
     assert_eq!(work.picture("again.exr").rgba, work.picture("moved/frame.0001.exr").rgba);
+    // On a turntable the camera stays on its circle.
+    work.json(&format!("{DENSE} --size 8x8 --frames 3 --orbit 24 --shutter 1 --supersample 4 -o turn"));
+    let json: Value = serde_json::from_slice(&std::fs::read(work.path("turn/transforms.json")).unwrap()).unwrap();
+    let at = |key: &str| [0, 1, 2].map(|row| json["frames"][0][key][row][3].as_f64().unwrap());
+    let [start, now, end] = ["transform_matrix_start", "transform_matrix", "transform_matrix_end"].map(at);
+    let apart = |a: [f64; 3], b: [f64; 3]| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
+    // Chords of 7.5 and 15 degrees.
+    let ratio = apart(start, end) / apart(start, now);
+    let expected = 7.5_f64.to_radians().sin() / 3.75_f64.to_radians().sin();
+    assert!((ratio - expected).abs() < 1e-9 && (apart(now, end) / apart(start, now) - 1.0).abs() < 1e-9, "{ratio}");
     work.json(&format!("{DENSE} --views 1 --size 24x20 --frames 1-2 --shutter 0.5 -o rest"));
     let text = std::fs::read_to_string(work.path("rest/transforms.json")).unwrap();
     assert!(!text.contains("transform_matrix_start"), "{text}");

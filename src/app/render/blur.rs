@@ -2,9 +2,9 @@
 
 use crate::app::ranges;
 use crate::error::{Error, Result};
-use crate::scene::blur::{self, Aperture, Blur, Shutter};
+use crate::scene::blur::{Aperture, Blur, Shutter};
 use crate::scene::camera::Camera;
-use glam::DVec3;
+use glam::{DMat4, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// Settings of the blur of pictures; where they are open, it is that of the cameras.
@@ -24,14 +24,8 @@ pub struct BlurSettings {
     pub shutter: Option<f64>,
 }
 
-/// Way of a camera from frame to frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Way {
-    /// Along lines.
-    Line,
-    /// On the circle of a turn.
-    Arc,
-}
+/// Way of a camera from one frame to the next: its motion at a share of it.
+pub(super) type Between = fn(DMat4, DMat4, f64) -> DMat4;
 
 /// Largest turn in degrees of a camera while its shutter is open: rays are those of two chords, which lie within one
 /// per cent of the circle's radius of it.
@@ -105,7 +99,7 @@ impl BlurSettings {
     /// # Errors
     /// If no distance of focus is known, since that of frames must not follow the volumes, or cameras mirror each
     /// other.
-    pub(super) fn of_frames(&self, cameras: Vec<[Camera; 3]>, way: Way) -> Result<Vec<[Camera; 3]>> {
+    pub(super) fn of_frames(&self, cameras: Vec<[Camera; 3]>, between: Between) -> Result<Vec<[Camera; 3]>> {
         let frame = |[before, camera, after]: [Camera; 3]| {
             let Camera { blur: Blur { aperture, shutter }, .. } = self.of_view(camera, || None)?;
             let towards = |beside: Camera, half: f64| {
@@ -114,10 +108,7 @@ impl BlurSettings {
                     return Err(Error::invalid("⟨shutter⟩: the cameras of two frames mirror each other")
                         .hint("correct their axes, or give ⟨shutter=0⟩ for pictures without motion"));
                 }
-                Ok(match way {
-                    Way::Line => blur::between(now, then, half),
-                    Way::Arc => blur::between_on_arc(now, then, half),
-                })
+                Ok(between(now, then, half))
             };
             let at_rest = [before, after].iter().all(|beside| beside.camera_to_world == camera.camera_to_world);
             let shutter = match self.shutter {

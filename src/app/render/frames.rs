@@ -3,7 +3,7 @@
 
 use super::accuracy::{AccuracyReport, Deadline, PictureError};
 use super::begun::{Pictured, is_stopped};
-use super::blur::{Way, grain};
+use super::blur::grain;
 use super::holdout::{coarse, hides_all};
 use super::sequence::{Done, Sequence, Shot};
 use super::target::Target;
@@ -34,6 +34,7 @@ use crate::formats::vdb::velocity;
 use crate::render::film::{Rendered, View};
 use crate::render::integrator::Counts;
 use crate::render::renderer::Renderer;
+use crate::scene::blur;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::holdout::Holdout;
@@ -206,7 +207,7 @@ impl RenderSettings {
             Ok([before?, camera?, after?])
         };
         let cameras = between(template, path, numbers, self.camera_offset)?.into_iter().map(cropped);
-        self.blur.of_frames(cameras.collect::<Result<_>>()?, Way::Line)
+        self.blur.of_frames(cameras.collect::<Result<_>>()?, blur::between)
     }
 }
 
@@ -444,7 +445,7 @@ impl Sequence<'_> {
         let (plan, scene) = (shot.plan.as_ref(), (&shot.scene, shot.paths));
         let renderer = self.render.renderer(&self.pictures, plan, scene, &[camera], &self.cancel)?;
         let stated = self.template.as_ref().and_then(|c| c.frames.first());
-        let holdout = self.render.held_out(number, stated)?;
+        let holdout = self.render.held_out(number, self.pictures.whole_size(stated))?;
         let whole = self.pictures.whole(self.target, stated);
         self.note_held_out(holdout.as_ref(), shot.paths, context);
         let mut provenance = shot.provenance.clone();

@@ -5,7 +5,6 @@ use crate::app::sequence::pattern;
 use crate::error::{Code, Error, Result};
 use crate::formats::exr::{self, Header, LayerInfo};
 use crate::formats::limits::Limits;
-use crate::scene::capture::Frame;
 use crate::scene::holdout::{DepthMeasure, Holdout};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -59,17 +58,17 @@ impl HoldoutSettings {
 }
 
 impl RenderSettings {
-    /// Reads what stands in the way of the camera of a view or frame; none if nothing does. `stated` is the view as
-    /// `cameras` states it.
+    /// Reads what stands in the way of the camera of a view or frame; none if nothing does. `whole` is the size of the
+    /// whole picture.
     ///
     /// # Errors
     /// If the depths cannot be read or do not fit the picture.
-    pub(super) fn held_out(&self, number: u32, stated: Option<&Frame>) -> Result<Option<Holdout>> {
+    pub(super) fn held_out(&self, number: u32, whole: [u32; 2]) -> Result<Option<Holdout>> {
         let HoldoutSettings { holdout_layer, holdout_depth, .. } = &self.holdout;
         let Some(path) = self.holdout.file(number) else { return Ok(None) };
         let limits = self.pictures.limits;
         let (size, depths) = depths(&path, holdout_layer.as_deref(), limits).map_err(|e| e.at(&path))?;
-        let view = (self.pictures.whole_size(stated), self.pictures.crop);
+        let view = (whole, self.pictures.crop);
         Holdout::new(size, depths, *holdout_depth, view).map(Some).map_err(|e| e.at(&path))
     }
 }

@@ -50,7 +50,7 @@ impl Divisible for RenderSettings {
     }
 
     fn inputs(&self) -> Vec<&Path> {
-        self.read()
+        self.pictures.inputs().into_iter().chain(self.holdout.holdout.as_deref()).collect()
     }
 
     fn seconds(&self, context: &Context) -> Option<f64> {

@@ -29,6 +29,7 @@ use crate::app::Context;
 
 use crate::app::context::Picture;
 use crate::app::inputs;
+use crate::app::job::Divisible;
 use crate::app::pictures::PictureSettings;
 use crate::app::pictures::renderer::SceneRenderer;
 use crate::app::pictures::scattering::{Paths, ScatteringSettings};
@@ -49,7 +50,7 @@ use crate::scene::scene::Scene;
 use accuracy::{Made, Measured, PictureError, Turn};
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 use target::Target;
 
@@ -86,6 +87,7 @@ pub struct RenderSettings {
     /// True to write a PNG beside each EXR: radiance times 2^exposure, clipped to 0..1, sRGB.
     pub png: bool,
     /// True to write colors and alpha of EXRs in 16 bits, other planes in 32; a color beyond 65504 leaves all in 32.
+    /// A picture that is stopped begins anew.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub half: bool,
     /// Exposure of PNGs in stops, from -60 to 60; none for 0.
@@ -199,7 +201,7 @@ impl RenderSettings {
     }
 
     fn begun_at(&self, begun: Instant, context: &Context) -> Result<RenderReport> {
-        let _inputs = inputs::protect(self.read(), self.pictures.limits);
+        let _inputs = inputs::protect(Divisible::inputs(self), self.pictures.limits);
         self.pictures.check()?;
         ranges::positive("fps", self.fps)?;
         self.blur.check(self.is_sequence(), self.orbit)?;
@@ -219,11 +221,6 @@ impl RenderSettings {
             return self.run_frames(target, begun, context).map(RenderReport::Frames);
         }
         self.run_views(target, begun, context).map(RenderReport::Views)
-    }
-
-    /// Returns the paths that are read.
-    fn read(&self) -> Vec<&Path> {
-        self.pictures.inputs().into_iter().chain(self.holdout.holdout.as_deref()).collect()
     }
 
     /// Begins the record of where the pictures come from.

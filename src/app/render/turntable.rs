@@ -1,11 +1,11 @@
 //! Cameras of the frames of a sequence: that of its number in a capture, or one that turns about the volume.
 
 use super::RenderSettings;
-use super::blur::Way;
 use super::sequence::Sequence;
 use crate::app::pictures::PictureSettings;
 use crate::app::ranges;
 use crate::error::{Code, Error, Result};
+use crate::scene::blur;
 use crate::scene::camera::Camera;
 use crate::scene::orbit::Layout;
 
@@ -51,10 +51,10 @@ impl Sequence<'_> {
     pub(super) fn at_frames(&self, placed: &[Camera], numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
         let (Some(first), Some(turn)) = (placed.first(), self.render.orbit) else {
             let only = placed.first().map_or_else(Vec::new, |only| vec![[*only; 3]; numbers.len()]);
-            return self.render.blur.of_frames(only, Way::Line);
+            return self.render.blur.of_frames(only, blur::between);
         };
         let at = |number: i64| placed.get(number.rem_euclid(i64::from(turn)) as usize).unwrap_or(first);
         let between = |number: &u32| [-1, 0, 1].map(|beside| *at(i64::from(*number) + beside));
-        self.render.blur.of_frames(numbers.iter().map(between).collect(), Way::Arc)
+        self.render.blur.of_frames(numbers.iter().map(between).collect(), blur::between_on_arc)
     }
 }

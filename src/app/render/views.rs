@@ -30,7 +30,6 @@ use crate::render::integrator::Counts;
 use crate::render::renderer::Renderer;
 use crate::scene::aim;
 use crate::scene::capture::{Capture, Frame, Model};
-use crate::scene::holdout::Holdout;
 use crate::scene::scene::Scene;
 use crate::wording::all_worded;
 use glam::DVec3;
@@ -179,8 +178,8 @@ pub(super) struct Views<'v> {
     pub numbers: Vec<usize>,
     /// Size of the whole picture that a part goes to a file of.
     whole: Option<[usize; 2]>,
-    /// Depths beyond which each camera sees nothing.
-    holdouts: Vec<Option<Holdout>>,
+    /// Size of the whole picture of each view.
+    sizes: Vec<[u32; 2]>,
     pub capture: Capture,
     scales: DensityScales,
     up: Option<ChosenUp>,
@@ -252,12 +251,13 @@ impl RenderSettings {
         remarks.extend(capture.frames.iter().find_map(|frame| grain(&frame.camera, paths, pictures.supersample)));
         self.holdout.check_views(numbers.len())?;
         let of_view = |number: &usize| template.as_ref().and_then(|c| c.frames.get(*number));
-        let holdout = |number: &usize| self.held_out(*number as u32, of_view(number));
-        let holdouts = numbers.iter().map(holdout).collect::<Result<Vec<_>>>()?;
+        let sizes: Vec<[u32; 2]> = numbers.iter().map(|number| pictures.whole_size(of_view(number))).collect();
         let files: Vec<PathBuf> = numbers.iter().filter_map(|number| self.holdout.file(*number as u32)).collect();
         provenance.files(files.iter().map(PathBuf::as_path))?;
-        remarks.extend(holdouts.iter().flatten().find_map(hides_all));
-        remarks.extend(holdouts.iter().flatten().find_map(|held| coarse(held, paths, pictures.supersample)));
+        // Depths of one render are alike: the first speak for all.
+        if let Some(first) = self.held_out(numbers[0] as u32, sizes[0])? {
+            remarks.extend(hides_all(&first).into_iter().chain(coarse(&first, paths, pictures.supersample)));
+        }
         remarks.iter().for_each(|remark| context.note(format!("remark: {remark}")));
         let scales = DensityScales::of(&subject, capture.density_scale);
         let colors = subject.colors().cloned();
@@ -266,7 +266,7 @@ impl RenderSettings {
             target,
             numbers,
             whole,
-            holdouts,
+            sizes,
             capture,
             scales,
             up,
@@ -378,12 +378,13 @@ impl Views<'_> {
         (bar, visibility): (&Stage, &Visibility),
         context: &Context,
     ) -> Result<Made> {
-        let Self { settings, numbers, whole, holdouts, provenance, capture, cancel, .. } = self;
+        let Self { settings, numbers, whole, sizes, provenance, capture, cancel, .. } = self;
         let (progress, camera, number) = (bar.picture(), &scene.cameras[place], numbers[place]);
         let focus = settings.pictures.focus(scene);
         let pictured = Pictured { provenance, pictures: &settings.pictures, number, camera, scene, focus };
         let earlier = pictured.begun(settings, &capture.frames[place].picture);
-        let view = View { holdout: holdouts[place].as_ref(), ..camera.into() };
+        let holdout = settings.held_out(number as u32, sizes[place])?;
+        let view = View { holdout: holdout.as_ref(), ..camera.into() };
         let view = (number, view, turn);
         let (rendered, error) = settings.picture(renderer, view, earlier, (cancel, &progress), context)?;
         let Rendered { film, counts } = rendered;
