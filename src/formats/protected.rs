@@ -15,13 +15,16 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Device and inode.
 type Identity = (u64, u64);
 
-static STATE: Mutex<State> = Mutex::new(State { watches: 0, files: BTreeMap::new(), records: Vec::new() });
+static STATE: Mutex<State> =
+    Mutex::new(State { watches: 0, files: BTreeMap::new(), earlier: Vec::new(), records: Vec::new() });
 
 struct State {
     /// Number of those who watch.
     watches: usize,
     /// Protected files by the path that led to them first.
     files: BTreeMap<Identity, PathBuf>,
+    /// Outputs of earlier runs that are being read, each as often as it is.
+    earlier: Vec<PathBuf>,
     /// Files that were opened since each recording began.
     records: Vec<(u64, BTreeSet<PathBuf>)>,
 }
@@ -58,7 +61,15 @@ pub(crate) fn watch() -> Watch {
 /// Protects a file as long as someone watches. A path at which no file lies protects nothing.
 pub(crate) fn add(path: &Path) {
     if let Ok(metadata) = std::fs::metadata(path) {
-        opened(path, &metadata);
+        state().protect(path, &metadata);
+    }
+}
+
+impl State {
+    fn protect(&mut self, path: &Path, metadata: &Metadata) {
+        if self.watches > 0 {
+            self.files.entry(identity(metadata)).or_insert_with(|| path.to_path_buf());
+        }
     }
 }
 
@@ -68,8 +79,8 @@ pub(super) fn opened(path: &Path, metadata: &Metadata) {
     for (_, record) in &mut state.records {
         record.insert(path.to_path_buf());
     }
-    if state.watches > 0 {
-        state.files.entry(identity(metadata)).or_insert_with(|| path.to_path_buf());
+    if !state.earlier.iter().any(|earlier| earlier == path) {
+        state.protect(path, metadata);
     }
 }
 
@@ -89,15 +100,22 @@ pub(crate) fn recorded<T>(folder: &Path, work: impl FnOnce() -> T) -> (T, BTreeS
     (result, files.into_iter().filter(|file| file.starts_with(folder)).collect())
 }
 
-/// Reads a file that is an output of an earlier run, and may be replaced all the same unless it was protected before.
+/// Reads a file that is an output of an earlier run: `read` opens it by this very path, which protects nothing.
+///
+/// The path tells, not the inode: another thread or process may put a new file in its place meanwhile.
 pub(crate) fn unprotected<T>(path: &Path, read: impl FnOnce() -> T) -> T {
-    let before = std::fs::metadata(path).ok().map(|metadata| identity(&metadata));
-    let is_input = before.is_some_and(|identity| state().files.contains_key(&identity));
-    let result = read();
-    if let Some(identity) = before.filter(|_| !is_input) {
-        state().files.remove(&identity);
+    struct Earlier<'p>(&'p Path);
+    impl Drop for Earlier<'_> {
+        fn drop(&mut self) {
+            let earlier = &mut state().earlier;
+            if let Some(at) = earlier.iter().position(|path| path == self.0) {
+                earlier.swap_remove(at);
+            }
+        }
     }
-    result
+    state().earlier.push(path.to_path_buf());
+    let _earlier = Earlier(path);
+    read()
 }
 
 /// Makes sure that no input lies at a path.
@@ -135,17 +153,30 @@ mod tests {
         std::os::unix::fs::symlink("a", &soft).unwrap();
         std::fs::create_dir(dir.path().join("x")).unwrap();
         let watch = watch();
-        add(&a);
+        let open = |path: &Path| drop(crate::formats::input::open(path).unwrap());
+        open(&a);
         for path in [&a, &hard, &soft, &dir.path().join("x/../a")] {
             let error = check(path).unwrap_err().to_string();
             assert!(error.contains("is an input") && error.contains("/a"), "{error}");
         }
         assert!(check(&other).is_ok() && check(&dir.path().join("none")).is_ok());
         // What was an input before it was looked at as an output stays one.
-        unprotected(&a, || add(&a));
+        unprotected(&a, || open(&a));
         assert!(check(&a).is_err());
-        unprotected(&other, || add(&other));
+        // Neither a file that takes the place of an earlier output while it is read is an input, nor that output
+        // where two threads read it at once.
+        unprotected(&other, || {
+            let new = dir.path().join("new");
+            std::fs::write(&new, "b").unwrap();
+            std::fs::rename(&new, &other).unwrap();
+            unprotected(&other, || open(&other));
+            open(&other);
+        });
         assert!(check(&other).is_ok());
+        open(&other);
+        assert!(check(&other).is_err());
+        std::fs::rename(&other, dir.path().join("input")).unwrap();
+        std::fs::write(&other, "c").unwrap();
         // A file that was put in the place of an input is none.
         std::fs::remove_file(&hard).unwrap();
         std::fs::rename(&other, &a).unwrap();
