@@ -68,6 +68,11 @@ struct RenderArgs {
     fps: f64,
     #[command(flatten)]
     blur: BlurSettings,
+    /// Write deep EXRs, whose pixels keep at which depths their light comes from, for compositing with other elements:
+    /// as few samples as err by at most E, in color and alpha, before any depth; 0.01 is invisible. Colors are measured
+    /// by 1, or by the pixel's brightest channel. The background is left out
+    #[arg(long, value_name = "E", value_parser = parse::positive)]
+    deep: Option<f64>,
     #[command(flatten)]
     holdout: HoldoutSettings,
     #[command(flatten)]
@@ -93,6 +98,7 @@ impl From<RenderArgs> for RenderSettings {
             velocity: args.velocity,
             fps: args.fps,
             blur: args.blur,
+            deep: args.deep,
             holdout: args.holdout,
             accuracy: args.accuracy,
             pictures: args.pictures,

@@ -2,6 +2,7 @@
 //!
 //! `L = emitted + T · background`, `alpha = 1 - T`: value, and derivatives in reverse and in forward mode.
 
+use super::deep::{DeepIntegrator, Slice};
 use super::differentiable::{Accumulators, Adjoint, Cotangent, Differentiable, Forward, ParameterGradient};
 use super::differentiable::{RayGradient, Seeds, TangentRadiance};
 use super::emission_absorption::{EmissionAbsorption, Radiance};
@@ -149,6 +150,17 @@ impl<I: EmissionAbsorption<Real = f32>> Integrator for Composited<I> {
 
     fn take_counts(_: &mut I::Scratch) -> Counts {
         Counts::default()
+    }
+}
+
+/// Slices tell all.
+impl<I: EmissionAbsorption<Real = f32>> DeepIntegrator for Composited<I> {
+    const DRAWS: bool = false;
+
+    #[inline(always)]
+    fn slice(&self, ray: &Ray, part: [f64; 2], scratch: &mut I::Scratch) -> Slice {
+        let Radiance { rgb, depth } = self.medium.integrate_part(ray, part, scratch);
+        Slice { rgb: rgb.into(), depth: DVec3::splat(depth) }
     }
 }
 

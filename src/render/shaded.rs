@@ -94,15 +94,30 @@ impl EmissionAbsorption for Shaded<'_> {
     type Real = f32;
     type Scratch = ();
 
-    fn integrate(&self, ray: &Ray, (): &mut ()) -> Radiance {
+    fn integrate(&self, ray: &Ray, scratch: &mut ()) -> Radiance {
+        self.integrate_part(ray, [0.0, ray.far], scratch)
+    }
+
+    fn integrate_part(&self, ray: &Ray, [from, to]: [f64; 2], (): &mut ()) -> Radiance {
         let field = self.dvr.field();
-        let Some(index) = IndexRay::new(&field.domain, &field.transform, ray) else { return Radiance::default() };
-        let length = index.leave - index.enter;
+        let whole = Ray::new(ray.origin, ray.direction);
+        let Some(whole) = IndexRay::new(&field.domain, &field.transform, &whole) else { return Radiance::default() };
+        let length = whole.leave - whole.enter;
         if !(length > 0.0 && length.is_finite()) {
             return Radiance::default();
         }
-        // Steps fill the way from entry to exit.
+        // Steps fill the whole way from entry to exit, so that parts make up the whole.
         let step = length / (length / self.step).ceil();
+        let mut index = whole;
+        if from > whole.enter {
+            index.enter = whole.enter + step * ((from - whole.enter) / step).floor();
+        }
+        if to < whole.leave {
+            index.leave = (whole.enter + step * ((to - whole.enter) / step).ceil()).min(whole.leave);
+        }
+        if index.enter >= index.leave {
+            return Radiance::default();
+        }
         let limit = -self.dvr.least_transmittance().ln();
         let (mut rgb, mut depth) = (DVec3::ZERO, 0.0_f64);
         spans(
@@ -111,16 +126,19 @@ impl EmissionAbsorption for Shaded<'_> {
             false,
             #[inline(always)]
             |span: Span<f32>| {
-                let mut number = ((span.start - index.enter) / step - 0.5).ceil();
+                let mut number = ((span.start - whole.enter) / step - 0.5).ceil();
                 loop {
-                    let t = index.enter + (number + 0.5) * step;
+                    let t = whole.enter + (number + 0.5) * step;
                     if t >= span.end {
                         return depth < limit;
                     }
                     number += 1.0;
                     let (source, extinction) = self.at(dvr::density(&field.values, &span, (t - span.start) as f32));
                     if extinction > 0.0 {
-                        let own = f64::from(extinction) * step;
+                        let [begin, end] = [t - 0.5 * step, t + 0.5 * step];
+                        let is_cut = begin < from || end > to;
+                        let length = if is_cut { (end.min(to) - begin.max(from)).max(0.0) } else { step };
+                        let own = f64::from(extinction) * length;
                         let weight = (-depth).exp() * -(-own).exp_m1();
                         rgb += weight * self.shade(source, index.at(t), ray.direction);
                         depth += own;

@@ -11,6 +11,7 @@ pub mod camera;
 pub mod capture;
 pub mod color_space;
 pub mod cone;
+pub mod deep;
 pub mod dense;
 pub(crate) mod directions;
 pub mod display;

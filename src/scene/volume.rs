@@ -74,6 +74,15 @@ impl Volume {
         }
     }
 
+    /// Returns the world-space box around the volume.
+    pub fn world_bounds(&self) -> Aabb {
+        match self {
+            Self::Density(field, _) => field.world_bounds(),
+            Self::PreShaded(volume) => volume.world_bounds(),
+            Self::Emissive { density, emission, .. } => density.world_bounds().union(emission.grid().world_bounds()),
+        }
+    }
+
     /// Returns world points around all that may be seen of the volume.
     pub fn outline(&self) -> Vec<DVec3> {
         match self {

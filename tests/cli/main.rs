@@ -25,6 +25,7 @@ mod compare;
 mod contradictions;
 mod convert_edits;
 mod deep;
+mod deep_render;
 mod denoise;
 mod diff;
 mod embedded;

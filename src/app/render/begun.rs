@@ -84,6 +84,11 @@ impl Pictured<'_> {
         provenance::hash_of_settings("picture", &whole, &[])
     }
 
+    /// Adds the camera of the picture to its attributes.
+    pub(super) fn camera_attributes(&self, whole: Option<[usize; 2]>, attributes: &mut Attributes) {
+        self.pictured_camera(whole).describe(attributes);
+    }
+
     /// Returns the camera of the picture; that of the whole picture, of which it may be a part in a file of its own.
     fn pictured_camera(&self, whole: Option<[usize; 2]>) -> PictureCamera {
         let camera = PictureCamera::new(self.camera, self.focus);
@@ -106,7 +111,7 @@ impl Pictured<'_> {
     ) -> Result<()> {
         for file in files {
             // A PNG has no place for the whole picture.
-            self.pictured_camera(whole.filter(|_| EXR.has_name(file))).describe(&mut attributes);
+            self.camera_attributes(whole.filter(|_| EXR.has_name(file)), &mut attributes);
             settings.write_picture(file, film, &attributes, whole)?;
         }
         Ok(())

@@ -4,6 +4,7 @@
 use super::accuracy::{AccuracyReport, Deadline, PictureError};
 use super::begun::{Pictured, is_stopped};
 use super::blur::grain;
+use super::deep::{DeepReport, Tally};
 use super::holdout::{coarse, hides_all};
 use super::sequence::{Done, Sequence, Shot};
 use super::target::Target;
@@ -62,6 +63,9 @@ pub struct FramesReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     tone_mapping: Option<ToneMapping>,
     paths: Option<Paths>,
+    /// Samples of deep pictures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    deep: Option<DeepReport>,
     /// Errors of the pictures that were rendered, if a target or a time was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     accuracy: Option<AccuracyReport>,
@@ -79,13 +83,26 @@ impl FramesReport {
 
 impl fmt::Display for FramesReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, rendered, skipped, renewed, failed, scales, tone_mapping, paths, accuracy, seconds, .. } =
-            self;
+        let Self {
+            output,
+            rendered,
+            skipped,
+            renewed,
+            failed,
+            scales,
+            tone_mapping,
+            paths,
+            deep,
+            accuracy,
+            seconds,
+            ..
+        } = self;
         write!(f, "{}: {rendered} frames in {seconds:.2} s, ", output.display())?;
         write!(f, "{skipped} that were there, {} that failed; {scales}", failed.len())?;
         write!(f, "{}", renewed::List(renewed))?;
         tone_mapping.iter().try_for_each(|tone| write!(f, "\n  PNG: {tone}"))?;
         paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))?;
+        deep.iter().try_for_each(|deep| write!(f, "\n{deep}"))?;
         accuracy.iter().try_for_each(|accuracy| write!(f, "\n{accuracy}"))?;
         write!(f, "{}", List(failed))
     }
@@ -133,6 +150,7 @@ impl RenderSettings {
             scales,
             tone_mapping: self.tone_mapping_used(),
             paths,
+            deep: sequence.tally.report(),
             accuracy: AccuracyReport::of(&self.accuracy, errors),
             up: sequence.up,
             seconds,
@@ -191,6 +209,7 @@ impl RenderSettings {
             inputs: BTreeMap::new(),
             shot: None,
             visibility: Visibility::default(),
+            tally: Tally::default(),
             remarks: BTreeSet::new(),
             cancel: context.cancel(),
             refused: None,
@@ -461,6 +480,20 @@ impl Sequence<'_> {
             scene: &shot.scene,
             focus: shot.focus,
         };
+        if self.render.deep.is_some() {
+            let (render, work) = (self.render, (&self.cancel, progress));
+            let (mut counts, visibility) = (Counts::default(), &self.visibility);
+            let refused = self.place(path, |files| {
+                let to = (files[0].clone(), &self.tally);
+                let made = render.deep_picture(&pictured, (&renderer, view), to, whole, work)?;
+                visibility.add(&made.film);
+                counts = made.counts;
+                Ok(())
+            })?;
+            self.inputs.extend(provenance.inputs.clone());
+            self.refused = refused;
+            return if self.refused.is_some() { Err(Error::cancelled()) } else { Ok((counts, None)) };
+        }
         let earlier = pictured.begun(self.render, path);
         let view = (number as usize, view, turn);
         let (rendered, error) = self.render.picture(&renderer, view, earlier, (&self.cancel, progress), context)?;

@@ -3,6 +3,7 @@
 mod accuracy;
 mod begun;
 mod blur;
+mod deep;
 mod denoised;
 mod folder;
 mod frames;
@@ -115,6 +116,11 @@ pub struct RenderSettings {
     /// Blur by the aperture of the camera and by its motion.
     #[serde(flatten)]
     pub blur: BlurSettings,
+    /// Largest error of color and opacity before any depth of deep EXRs, whose pixels keep at which depths their light
+    /// comes from: from 1e-4 to 0.5, for colors in units of 1, or of the pixel's brightest channel if that is brighter;
+    /// none for flat pictures. Deep pictures have no background.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deep: Option<f64>,
     /// Objects that hide what is behind them.
     #[serde(flatten)]
     pub holdout: HoldoutSettings,
@@ -143,6 +149,7 @@ impl Default for RenderSettings {
             velocity: None,
             fps: 24.0,
             blur: BlurSettings::default(),
+            deep: None,
             holdout: HoldoutSettings::default(),
             accuracy: AccuracySettings::default(),
             pictures: PictureSettings::default(),
@@ -206,6 +213,7 @@ impl RenderSettings {
         ranges::positive("fps", self.fps)?;
         self.blur.check(self.is_sequence(), self.orbit)?;
         self.holdout.check()?;
+        self.check_deep()?;
         self.accuracy.check(&self.pictures)?;
         if let Some(input) = self.pictures.sequence_of_folder()? {
             let pictures = PictureSettings { input, ..self.pictures.clone() };

@@ -2,6 +2,7 @@
 
 use super::RenderSettings;
 use super::accuracy::Deadline;
+use super::deep::Tally;
 use super::target::Target;
 use super::visibility::Visibility;
 use crate::app::pictures::PictureSettings;
@@ -62,6 +63,8 @@ pub(super) struct Sequence<'s> {
     pub shot: Option<Arc<Shot>>,
     /// Whether anything is to be seen in the pictures so far.
     pub visibility: Visibility,
+    /// Samples of deep pictures.
+    pub tally: Tally,
     /// Remarks that were made.
     pub remarks: BTreeSet<String>,
     pub cancel: Cancel,

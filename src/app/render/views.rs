@@ -3,6 +3,7 @@
 use super::accuracy::{AccuracyReport, Deadline, PictureError, Turn};
 use super::begun::Pictured;
 use super::blur::grain;
+use super::deep::{DeepReport, Tally};
 use super::holdout::{coarse, hides_all};
 use super::target::Target;
 use super::visibility::Visibility;
@@ -56,6 +57,9 @@ pub struct ViewsReport {
     /// How light was integrated; none if nothing was rendered.
     #[serde(flatten)]
     way: Option<Integration>,
+    /// Samples of deep pictures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    deep: Option<DeepReport>,
     /// Errors of the pictures, if a target or a time was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     accuracy: Option<AccuracyReport>,
@@ -124,7 +128,7 @@ impl Integration {
 
 impl fmt::Display for ViewsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, views, skipped, seconds, scales, way, accuracy, plan, tone_mapping, .. } = self;
+        let Self { output, views, skipped, seconds, scales, way, deep, accuracy, plan, tone_mapping, .. } = self;
         let json = output.join(FILE_NAME);
         let file = if json.exists() { &json } else { output };
         let s = if *views == 1 { "" } else { "s" };
@@ -156,6 +160,7 @@ impl fmt::Display for ViewsReport {
             None if *skipped > 1 => write!(f, "  they were there, made by the same settings")?,
             None => write!(f, "  it was there, made by the same settings")?,
         }
+        deep.iter().try_for_each(|deep| write!(f, "\n{deep}"))?;
         accuracy.iter().try_for_each(|accuracy| write!(f, "\n{accuracy}"))?;
         match plan {
             Some(plan) if plan.omitted != Some(0.0) => write!(f, "\n  {}", LeftOut(plan)),
@@ -189,6 +194,8 @@ pub(super) struct Views<'v> {
     pub provenance: Provenance,
     /// True if paths were asked for.
     pub paths: bool,
+    /// Samples of deep pictures.
+    tally: Tally,
     cancel: Cancel,
 }
 
@@ -274,6 +281,7 @@ impl RenderSettings {
             colors,
             provenance,
             paths,
+            tally: Tally::default(),
             cancel,
         };
         Ok((views, subject))
@@ -385,14 +393,20 @@ impl Views<'_> {
         let earlier = pictured.begun(settings, &capture.frames[place].picture);
         let holdout = settings.held_out(number as u32, sizes[place])?;
         let view = View { holdout: holdout.as_ref(), ..camera.into() };
+        let add = |path: &PathBuf| batch.lock().unwrap_or_else(PoisonError::into_inner).add(path);
+        let files = || self.files(place).iter().map(add).collect::<Result<Vec<PathBuf>>>();
+        if settings.deep.is_some() {
+            let to = (files()?.remove(0), &self.tally);
+            let made = settings.deep_picture(&pictured, (renderer, view), to, *whole, (cancel, &progress))?;
+            visibility.add(&made.film);
+            return Ok((made.counts, None, None));
+        }
         let view = (number, view, turn);
         let (rendered, error) = settings.picture(renderer, view, earlier, (cancel, &progress), context)?;
         let Rendered { film, counts } = rendered;
         visibility.add(&film);
         let attributes = pictured.attributes(settings, renderer, (&film, error.as_ref()));
-        let add = |path: &PathBuf| batch.lock().unwrap_or_else(PoisonError::into_inner).add(path);
-        let files = self.files(place).iter().map(add).collect::<Result<Vec<PathBuf>>>()?;
-        pictured.write(settings, &files, (&film, attributes), *whole)?;
+        pictured.write(settings, &files()?, (&film, attributes), *whole)?;
         let bound = match &renderer.renderer {
             Renderer::Direct(direct) if settings.accuracy.on() => Some(straight::relative_bound(direct, &film)),
             _ => None,
@@ -401,7 +415,7 @@ impl Views<'_> {
     }
 
     fn report(self, outcome: Outcome) -> ViewsReport {
-        let Self { settings, numbers, capture, scales, up, remarks, provenance, .. } = self;
+        let Self { settings, numbers, capture, scales, up, remarks, provenance, tally, .. } = self;
         let Outcome { views, way, errors, plan } = outcome;
         ViewsReport {
             output: settings.output.clone(),
@@ -410,6 +424,7 @@ impl Views<'_> {
             model: capture.model,
             scales,
             way,
+            deep: tally.report(),
             accuracy: AccuracyReport::of(&settings.accuracy, errors),
             plan,
             up,

@@ -63,6 +63,7 @@ const TABLE: [(&str, &[&str]); 13] = [
             "aov",
             "png",
             "exposure",
+            "deep",
             "terminal",
         ],
     ),

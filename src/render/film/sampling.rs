@@ -63,14 +63,14 @@ pub struct Sampling {
     origin: [u32; 2],
     /// Most radiance that is scattered to a path, in each channel: less noise for a picture that is too dark. `None`
     /// for all of it.
-    pub(super) clamp: Option<f32>,
+    pub(in crate::render) clamp: Option<f32>,
 }
 
 /// Most paths that begin with one camera ray.
 const MOST_PER_RAY: u32 = 16;
 
 /// A ray of a pixel, and the paths that begin with it.
-pub(super) struct Shot {
+pub(in crate::render) struct Shot {
     /// Image position, in pixels.
     pub place: DVec2,
     /// Half of the rays that it belongs to: 0 or 1.
@@ -154,7 +154,7 @@ impl Sampling {
 
     /// Returns the number of estimates along each ray.
     #[inline(always)]
-    pub(super) fn per_ray(&self) -> u32 {
+    pub(in crate::render) fn per_ray(&self) -> u32 {
         match self.placement {
             Placement::Grid(_) => 1,
             Placement::Random { per_ray, .. } => per_ray,
@@ -164,7 +164,7 @@ impl Sampling {
     /// Returns a ray of a pixel by its number. `in_halves` gives rays of even and of odd number random numbers of their
     /// own sequences.
     #[inline(always)]
-    pub(super) fn shot(&self, at: [usize; 2], number: u32, in_halves: bool) -> Shot {
+    pub(in crate::render) fn shot(&self, at: [usize; 2], number: u32, in_halves: bool) -> Shot {
         let half = (number % 2) as usize;
         let pixel = [0, 1].map(|axis| at[axis] + self.origin[axis] as usize);
         match self.placement {

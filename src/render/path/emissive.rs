@@ -74,6 +74,7 @@ impl<M: Media, G: Glow> Media for Emissive<M, G> {
     type Phase = M::Phase;
     const EMITS: bool = M::EMITS;
     const GLOWS: bool = true;
+    const DRAWS: bool = M::DRAWS;
 
     #[inline(always)]
     fn collide(
@@ -103,6 +104,10 @@ impl<M: Media, G: Glow> Media for Emissive<M, G> {
     #[inline(always)]
     fn emitted(&self, ray: &Ray, primary: Option<&Primary>, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
         self.glow.emitted(&self.media, ray, primary, sampler, scratch)
+    }
+
+    fn glow(&self, part: &Ray, scratch: &mut Scratch) -> Vec3 {
+        self.glow.shared(part, scratch)
     }
 
     #[inline(always)]

@@ -7,6 +7,7 @@ use super::tracking::Media;
 use super::{Primary, Scratch};
 use crate::error::Result;
 use crate::math::Ray;
+use crate::render::deep::Event;
 use crate::render::dvr::Dvr;
 use crate::render::sampler::Sampler;
 use crate::scene::bricks::Bricks;
@@ -44,23 +45,29 @@ impl Glow for Flames<'_> {
         &self,
         media: &impl Media,
         ray: &Ray,
-        _: Option<&Primary>,
+        primary: Option<&Primary>,
         sampler: &mut Sampler,
         scratch: &mut Scratch,
     ) -> Vec3 {
         let mut sum = Vec3::ZERO;
+        // What is beyond the end is drawn and counts for nothing, so that all else is that of the whole ray.
+        let (far, ray) = (ray.far, &Ray::new(ray.origin, ray.direction));
         for Flame { emission, strength } in &self.0 {
             let walked = strength.walk(ray, &mut scratch.tape);
             let depth = sampler.uniform() * walked.depth;
             let Some((distance, _)) = strength.locate(&walked, depth, &mut scratch.tape) else { continue };
-            if distance > ray.far {
-                continue;
-            }
             let radiance = at(emission, ray.at(distance));
             let mean = radiance.element_sum() / 3.0;
             if mean > 0.0 {
                 let transmittance = media.transmittance(ray, distance, sampler, scratch);
-                sum += radiance * (walked.depth as f32 / mean) * transmittance;
+                let light = radiance * (walked.depth as f32 / mean) * transmittance;
+                match &mut scratch.apart {
+                    Some(apart) if primary.is_some() => {
+                        apart.push(Event { distance, unscattered: light, ..Event::default() });
+                    }
+                    _ if distance <= far => sum += light,
+                    _ => {}
+                }
             }
         }
         sum

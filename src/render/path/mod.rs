@@ -13,6 +13,7 @@
 //! loops.
 
 mod chromatic;
+mod deep;
 mod direct;
 mod emissive;
 mod flames;
@@ -27,6 +28,7 @@ mod tracking;
 use crate::arch::Arch;
 use crate::error::Result;
 use crate::math::{Aabb, Ray};
+use crate::render::deep::{Event, Slice};
 use crate::render::dvr::{Tape, TracedRay};
 use crate::render::integrator::{Counts, First, Integrator, Sample, mean};
 use crate::render::preshaded;
@@ -50,6 +52,8 @@ pub struct Scratch {
     /// The way of the camera's ray that was walked last.
     camera: Tape<f32>,
     emission: preshaded::Tape<f32>,
+    /// Light that camera rays meet elsewhere than at their first collisions, where it is kept apart.
+    apart: Option<Vec<Event>>,
     /// Events since the memory was made.
     pub counts: Counts,
 }
@@ -100,6 +104,10 @@ trait Kernel: Sync + Send {
     fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> f64;
     /// Returns the extinction at a world position, the mean of the channels.
     fn extinction(&self, at: DVec3) -> f64;
+    /// Returns optical depth and emission of a ray that is a part of a camera's, as far as no path draws them.
+    fn slice(&self, part: &Ray, scratch: &mut Scratch) -> Slice;
+    /// True if paths estimate the transmittance of camera rays by their collisions.
+    fn draws_transmittance(&self) -> bool;
     /// Traces a path within limits from a camera's ray, which was walked last.
     fn trace(
         &self,
@@ -130,6 +138,15 @@ impl<M: Media> Kernel for M {
 
     fn extinction(&self, at: DVec3) -> f64 {
         Media::extinction(self, at)
+    }
+
+    fn slice(&self, part: &Ray, scratch: &mut Scratch) -> Slice {
+        let depth = if M::DRAWS { DVec3::ZERO } else { Media::optical_depth(self, part, scratch) };
+        Slice { rgb: self.glow(part, scratch).as_dvec3(), depth }
+    }
+
+    fn draws_transmittance(&self) -> bool {
+        M::DRAWS
     }
 
     fn trace(
@@ -293,7 +310,13 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
             out.unscattered += media.emitted(ray, Some(primary), sampler, scratch);
         }
         if NEAR && limits.max_bounces > 0 {
-            out.direct += lighting.along(media, (ray, primary), sampler, scratch);
+            if let Some((distance, light)) = lighting.along(media, (ray, primary), sampler, scratch) {
+                match &mut scratch.apart {
+                    Some(apart) => apart.push(Event { distance, scattered: light, ..Event::default() }),
+                    None if distance <= ray.far => out.direct += light,
+                    None => {}
+                }
+            }
         }
         let Some((mut collision, mut weight)) = collision else { return out };
         let (mut ray, mut bounces, mut drawn) = (*ray, 0, None);

@@ -48,6 +48,8 @@ pub(super) trait Media: Sync + Send {
     type Phase: PhaseFunction;
     /// False if no medium emits by its source.
     const EMITS: bool;
+    /// True if the transmittance of camera rays is estimated by their collisions.
+    const DRAWS: bool = false;
     /// True if a grid emits beside the media.
     const GLOWS: bool = false;
     /// Draws the next real collision along a world ray of unit direction that carries `weight`, and returns with it
@@ -68,6 +70,10 @@ pub(super) trait Media: Sync + Send {
     /// Returns an estimate of the radiance of the grids beside the media along a world ray of unit direction, which may
     /// be a camera's ray that was walked before.
     fn emitted(&self, _: &Ray, _: Option<&Primary>, _: &mut Sampler, _: &mut Scratch) -> Vec3 {
+        Vec3::ZERO
+    }
+    /// Returns the radiance of the grids beside the media along a part of a camera's ray, as far as no path draws it.
+    fn glow(&self, _: &Ray, _: &mut Scratch) -> Vec3 {
         Vec3::ZERO
     }
     /// Draws the first collision along the camera's ray that was walked last.
@@ -424,6 +430,7 @@ pub(super) fn joined(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
 impl<O: DensityMedium, P: Phases> Media for Vec<One<'_, O, P>> {
     type Phase = P::At;
     const EMITS: bool = true;
+    const DRAWS: bool = true;
 
     /// Collisions with each volume are independent, and the nearest of them is the first.
     #[inline(always)]
@@ -455,7 +462,9 @@ impl<O: DensityMedium, P: Phases> Media for Vec<One<'_, O, P>> {
 
     #[inline(always)]
     fn first(&self, ray: &Ray, _: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Visible {
-        let collision = self.collide(ray, Vec3::ONE, sampler, scratch);
+        // What is beyond the end is drawn and counts for nothing, so that all else is that of the whole ray.
+        let collision = self.collide(&Ray::new(ray.origin, ray.direction), Vec3::ONE, sampler, scratch);
+        let collision = collision.filter(|(collision, _)| collision.distance <= ray.far);
         let transmittance = if collision.is_some() { Vec3::ZERO } else { Vec3::ONE };
         Visible { transmittance, collision, spare: 0.0 }
     }

@@ -92,8 +92,8 @@ impl Lighting {
         if ratio > 1.0 { ratio.min(1e100) } else { 0.0 }
     }
 
-    /// Returns an estimate of the light of near lights that is scattered on a camera's ray, as far as it counts at
-    /// points drawn by angle.
+    /// Returns an estimate of the light of near lights that is scattered on a camera's ray, wherever the ray ends, as
+    /// far as it counts at points drawn by angle, with the distance at which it is scattered.
     #[inline(always)]
     pub(crate) fn along<M: Media>(
         &self,
@@ -101,14 +101,15 @@ impl Lighting {
         (ray, primary): (&Ray, &Primary),
         sampler: &mut Sampler,
         scratch: &mut Scratch,
-    ) -> Vec3 {
+    ) -> Option<(f64, Vec3)> {
         if !self.near.reach(ray) {
-            return Vec3::ZERO;
+            return None;
         }
         let [choice, u, of_light @ ..] = sampler.stratified();
         let number = self.near.draw(choice);
-        let draw = Draw { ray: *ray, primary: Some(primary), number, of_light, u, turned: 1.0, phase: 1.0 };
-        self.drawn(media, &draw, sampler, scratch).unwrap_or(Vec3::ZERO)
+        let ray = Ray::new(ray.origin, ray.direction);
+        let draw = Draw { ray, primary: Some(primary), number, of_light, u, turned: 1.0, phase: 1.0 };
+        self.drawn(media, &draw, sampler, scratch)
     }
 
     /// Returns an estimate of the light of near lights that is scattered at a point drawn by angle and, from there, at
@@ -138,7 +139,7 @@ impl Lighting {
         }
         let turned = directions.density(direction);
         let draw = Draw { ray: Ray::new(at, direction), primary: None, number, of_light, u, turned, phase };
-        let found = self.drawn(media, &draw, sampler, scratch).unwrap_or(Vec3::ZERO);
+        let (_, found) = self.drawn(media, &draw, sampler, scratch).unwrap_or_default();
         if M::Phase::COLORED { found * tint } else { found }
     }
 
@@ -149,15 +150,12 @@ impl Lighting {
         draw: &Draw<'_>,
         sampler: &mut Sampler,
         scratch: &mut Scratch,
-    ) -> Option<Vec3> {
+    ) -> Option<(f64, Vec3)> {
         let Draw { ray, primary, number, of_light, u, turned, phase } = draw;
         let (light, Near { share, reach }) = (self.lights.get(*number)?, self.near.get(*number)?);
         let (place, within) = anchor(light, *of_light)?;
         let points = Equiangular::new(ray, media.range(ray)?, place, [within.max(self.near.least), within + reach])?;
         let distance = points.draw(*u);
-        if distance > ray.far {
-            return None;
-        }
         let at = ray.at(distance);
         scratch.counts.lookups += 1;
         let extinction = media.extinction(at);
@@ -192,7 +190,7 @@ impl Lighting {
         let before = media.passed((ray, *primary), distance, sampler, scratch);
         let solid = if arrival.density.is_infinite() { 1.0 } else { arrival.density };
         let factor = phase * counts / (chance * density * solid);
-        Some(arrival.radiance * scattered * before * transmittance * factor as f32)
+        Some((distance, arrival.radiance * scattered * before * transmittance * factor as f32))
     }
 }
 
