@@ -161,6 +161,8 @@ class Rendered(Report):
 
     accuracy: dict[str, Any] | None = None
     """Errors of the pictures, if a target or a time was asked for."""
+    deep: dict[str, Any] | None = None
+    """Samples of deep pictures."""
     density_scale: float | None
     """Extinction per unit of density and length; none for a scene whose volumes have different ones."""
     density_scales: list[float] = dataclasses.field(default_factory=list)

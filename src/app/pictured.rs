@@ -17,7 +17,7 @@ use std::path::Path;
 /// Attribute of the camera as JSON.
 const CAMERA: &str = "cumulo:camera";
 /// Attribute of the radiance behind the volume: red, green and blue.
-const BACKGROUND: &str = "cumulo:background";
+pub(crate) const BACKGROUND: &str = "cumulo:background";
 /// Attribute of the matrix from the world to the camera's axes: right, up, forward. Row vectors are multiplied by it.
 const WORLD_TO_CAMERA: &str = "worldToCamera";
 /// Attribute of the matrix from the world to the picture: (0, 0) is its upper left corner, (1, 1) its lower right one.

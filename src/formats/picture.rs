@@ -45,6 +45,18 @@ pub fn header(path: &Path) -> Result<Header> {
     }
 }
 
+/// Reads a picture as [`read`] does, or a deep one composited.
+///
+/// # Errors
+/// The conditions are those of [`read`], but for deep pictures, of which a layer cannot be chosen.
+pub(crate) fn read_or_flattened(path: &Path, options: &Options) -> Result<Picture> {
+    if !exr::deep::is_deep(path) {
+        return read(path, options);
+    }
+    let exr::Picture { film, non_finite, .. } = exr::deep::picture_or_flattened(path, options.layer, options.limits)?;
+    Ok(Picture { film, non_finite })
+}
+
 /// Reads a picture. OpenEXR samples are taken as they are. Integer samples are decoded by their color space; straight
 /// alpha is premultiplied, and the color composited over the background, so that pixels hold the radiance that arrives,
 /// as in EXRs; alpha stays.

@@ -156,9 +156,12 @@ impl<I: EmissionAbsorption<Real = f32>> Integrator for Composited<I> {
 /// Slices tell all.
 impl<I: EmissionAbsorption<Real = f32>> DeepIntegrator for Composited<I> {
     const DRAWS: bool = false;
+    type Way = ();
+
+    fn walk(&self, _: &Ray, _: &mut I::Scratch) {}
 
     #[inline(always)]
-    fn slice(&self, ray: &Ray, part: [f64; 2], scratch: &mut I::Scratch) -> Slice {
+    fn slice(&self, (ray, ()): (&Ray, &mut ()), part: [f64; 2], scratch: &mut I::Scratch) -> Slice {
         let Radiance { rgb, depth } = self.medium.integrate_part(ray, part, scratch);
         Slice { rgb: rgb.into(), depth: DVec3::splat(depth) }
     }

@@ -1,10 +1,12 @@
-//! Objects that hide what is behind them, told by the depth of each pixel.
+//! Objects that hide what is behind them, told by the depth of each pixel or by their surfaces.
 
 use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::scene::camera::{Camera, Projection, Window};
+use crate::scene::surfaces::Surfaces;
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Distance that depths are.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,9 +19,31 @@ pub enum DepthMeasure {
     Ray,
 }
 
-/// Depths in world units beyond which a camera sees nothing, the background included.
+/// What hides all that is behind it, the background included.
+#[derive(Debug, Clone)]
+pub enum Holdout {
+    /// Depths of pixels.
+    Depths(DepthMap),
+    /// Surfaces.
+    Surfaces(Arc<Surfaces>),
+}
+
+impl Holdout {
+    /// Returns the length along a ray of unit direction, drawn at a place of the picture in pixels, beyond which
+    /// nothing is seen.
+    pub(crate) fn far(&self, camera: &Camera, place: DVec2, ray: &Ray) -> f64 {
+        let far = match self {
+            Self::Depths(depths) => depths.far(camera, place, ray),
+            Self::Surfaces(surfaces) => surfaces.nearest(ray).unwrap_or(f64::MAX),
+        };
+        // Where nothing stands, rays end as well: what is before an object, and never the background.
+        far.clamp(0.0, f64::MAX)
+    }
+}
+
+/// Depths in world units beyond which a camera sees nothing.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Holdout {
+pub struct DepthMap {
     size: [usize; 2],
     /// Row by row from the top; infinite where nothing is.
     depths: Vec<f32>,
@@ -29,7 +53,7 @@ pub struct Holdout {
     whole: DVec2,
 }
 
-impl Holdout {
+impl DepthMap {
     /// Creates a holdout from depths row by row from the top, [height, width], of a whole picture or of more pixels
     /// than it has, in the same proportions. A part of the picture that is rendered is given by its window.
     ///
@@ -70,17 +94,15 @@ impl Holdout {
 
     /// Returns the length along a ray of unit direction, drawn at a place of the picture in pixels, beyond which
     /// nothing is seen.
-    pub(crate) fn far(&self, camera: &Camera, place: DVec2, ray: &Ray) -> f64 {
+    fn far(&self, camera: &Camera, place: DVec2, ray: &Ray) -> f64 {
         let share = (place + self.origin) / self.whole;
         let at = |axis: usize| ((share[axis] * self.size[axis] as f64) as usize).min(self.size[axis] - 1);
         let depth = f64::from(self.depths[at(1) * self.size[0] + at(0)]);
         let from = ray.origin - camera.position();
-        let far = match (self.measure, camera.projection) {
+        match (self.measure, camera.projection) {
             (DepthMeasure::Ray, Projection::Perspective) => depth - from.dot(ray.direction),
             _ => (depth - from.dot(camera.forward())) / ray.direction.dot(camera.forward()),
-        };
-        // Where nothing stands, rays end as well: what is before an object, and never the background.
-        far.clamp(0.0, f64::MAX)
+        }
     }
 }
 
@@ -110,7 +132,7 @@ mod tests {
         for projection in [Projection::Perspective, Projection::Orthographic] {
             for blur in [Blur::default(), Blur { aperture: Some(Aperture::disc(0.2, 2.0)), shutter: None }] {
                 let camera = Camera { blur, ..camera(projection) };
-                let of = |measure| Holdout::new([12, 8], depths.clone(), measure, ([6, 4], None)).unwrap();
+                let of = |measure| DepthMap::new([12, 8], depths.clone(), measure, ([6, 4], None)).unwrap();
                 // Twice as many pixels as the picture: column 3, row 5.
                 let (place, depth) = (DVec2::new(1.7, 2.6), f64::from(depths[5 * 12 + 3]));
                 let ray = camera.blurred_ray(place.into(), [0.3, 0.8], 0.5);
@@ -128,17 +150,17 @@ mod tests {
         // A part of the picture takes the depths of its pixels; what is nearer than the near plane hides all.
         let whole = camera(Projection::Perspective);
         let part = Window { origin: [2, 1], size: [3, 2] };
-        let held = Holdout::new([6, 4], depths[..24].to_vec(), DepthMeasure::Axis, ([6, 4], Some(part))).unwrap();
+        let held = DepthMap::new([6, 4], depths[..24].to_vec(), DepthMeasure::Axis, ([6, 4], Some(part))).unwrap();
         let ray = whole.cropped(part).unwrap().ray(0.5, 0.5);
         let end = ray.at(held.far(&whole.cropped(part).unwrap(), DVec2::splat(0.5), &ray)) - whole.position();
         assert!((end.dot(whole.forward()) - f64::from(depths[6 + 2])).abs() < 1e-9);
-        let close = Holdout::new([6, 4], vec![0.1; 24], DepthMeasure::Axis, ([6, 4], None)).unwrap();
-        assert_eq!(close.far(&whole, DVec2::ONE, &whole.ray(1.0, 1.0)), 0.0);
+        let close = DepthMap::new([6, 4], vec![0.1; 24], DepthMeasure::Axis, ([6, 4], None)).unwrap();
+        assert_eq!(Holdout::Depths(close).far(&whole, DVec2::ONE, &whole.ray(1.0, 1.0)), 0.0);
     }
 
     #[test]
     fn depths_that_cannot_be_used_are_refused() {
-        let made = |size, depths| Holdout::new(size, depths, DepthMeasure::Axis, ([4, 2], None));
+        let made = |size, depths| DepthMap::new(size, depths, DepthMeasure::Axis, ([4, 2], None));
         assert_eq!(made([4, 2], vec![0.0, 0.0, 1.0, 2.0, f32::INFINITY, 1.0, 1.0, 1.0]).unwrap().at_camera(), 0.25);
         for bad in [f32::NAN, -1.0] {
             let mut depths = vec![1.0; 8];

@@ -34,6 +34,7 @@ pub mod shading;
 mod sources;
 pub mod sphere;
 pub mod statistics;
+pub mod surfaces;
 pub mod table;
 pub mod topology;
 pub mod transfer;

@@ -107,9 +107,9 @@ fn what_deep_pictures_cannot_have_is_refused() {
     let work = Work::new();
     let plume = "render @plume.vdb --views 1 --size 8x8 --deep 0.01";
     for more in ["-o a.exr --half", "-o a.exr --aov depth", "-o out --png", "-o a.exr --holdout b.exr"] {
-        work.refused(&format!("{plume} {more}"), Code::Usage, &["deep pictures have samples"]);
+        work.refused(&format!("{plume} {more}"), Code::Usage, &["flat pictures alone"]);
     }
     work.refused(&format!("{plume} -o a.exr --quadrature midpoint:0.5"), Code::Usage, &["midpoint:0.5", "exact"]);
     work.refused(&format!("{plume} -o a.png"), Code::OutputName, &["a.png", ".exr"]);
-    work.refused("render @plume.vdb --views 1 -o a.exr --deep 0.9", Code::Usage, &["0.9", "1e-4"]);
+    work.refused("render @plume.vdb --views 1 -o a.exr --deep 0.9", Code::Usage, &["0.9", "0.0001", "--deep 0.01"]);
 }

@@ -53,6 +53,8 @@ const OTHERS: &[&str] = &[
     "make demo",
     "make demo BLENDER=1",
     "make install",
+    // Of OpenImageIO: `python/tests/imaging/test_deep.py` runs it.
+    "oiiotool smoke.deep.exr prop.exr --deepen --deepholdout --flatten -o before.exr",
     "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.blender render smoke.vdb --capture path --frames 0-23 --albedo 0.95 --sun -1 0.6 0.7 --sun-color 3 3 3 --samples 4 -o cycles",
     // Of Cycles' frames: `python/tests/blender/test_denoising.py` runs them.
     "cumulo denoise cycles/view_%03d.exr -o quiet/frame.%04d.exr --motion files:motion/frame.%04d.exr",

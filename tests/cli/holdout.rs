@@ -271,3 +271,59 @@ fn depths_that_cannot_be_used_are_refused() {
         &["depth.exr"],
     );
 }
+
+/// A mesh hides what its depths do: of a plane, of one that is cut into polygons, and of a box seen from all sides.
+#[test]
+fn meshes_hide_what_is_behind_them() {
+    let work = prepared();
+    let z = 4.0 - DEPTH;
+    let square = format!("v -9 -9 {z}\nv 11 -9 {z}\nv 11 11 {z}\nv -9 11 {z}\nf 1 2 3 4\n");
+    std::fs::write(work.path("plane.obj"), square).unwrap();
+    let plume = "render @plume.vdb --density-scale 4 --cameras all.json --view 0";
+    let pictured = |more: &str, name: &str| {
+        work.json(&format!("{plume} {more} -o {name}"));
+        work.picture(name)
+    };
+    let (by_mesh, by_depth) = (
+        pictured("--supersample 2 --holdout plane.obj", "mesh.exr"),
+        pictured("--supersample 2 --holdout depth.exr", "flat.exr"),
+    );
+    let most = by_mesh.rgba.iter().flatten().zip(by_depth.rgba.iter().flatten());
+    assert!(most.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-6);
+    // The same along paths, with the same random numbers.
+    let paths = "--albedo 0.9 --sun 1,1,2 --samples 16 --seed 3";
+    let (by_mesh, by_depth) = (
+        pictured(&format!("{paths} --holdout plane.obj"), "mesh-paths.exr"),
+        pictured(&format!("{paths} --holdout depth.exr"), "flat-paths.exr"),
+    );
+    let most = by_mesh.rgba.iter().flatten().zip(by_depth.rgba.iter().flatten());
+    assert!(most.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-5);
+    // One mesh serves all views: a box around the upper half of the plume hides it from everywhere.
+    let at = |i: i32| [-4 + 8 * (i >> 2), -4 + 8 * (i >> 1 & 1), 1 + 4 * (i & 1)].map(|v| v.to_string()).join(" ");
+    let corners: String = (0..8).map(|i| format!("v {}\n", at(i))).collect();
+    let faces = "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n";
+    std::fs::write(work.path("box.obj"), corners + faces).unwrap();
+    let views = "render @plume.vdb --density-scale 4 --views 4 --layout ring --size 24x24 --background 0,0,0";
+    work.json(&format!("{views} -o open"));
+    work.json(&format!("{views} --holdout box.obj -o held"));
+    for view in 0..4 {
+        let [open, held] = ["open", "held"].map(|folder| work.picture(&format!("{folder}/view_00{view}.exr")));
+        let lower = held.rgba[18 * 24..].iter().zip(&open.rgba[18 * 24..]);
+        assert!(
+            lower.clone().any(|(held, _)| held[3] > 0.05) && lower.into_iter().all(|(a, b)| (a[3] - b[3]).abs() < 1e-6)
+        );
+        let upper = held.rgba[..8 * 24].iter().zip(&open.rgba[..8 * 24]);
+        assert!(upper.clone().all(|(held, _)| held[3] == 0.0) && upper.into_iter().any(|(_, open)| open[3] > 0.05));
+    }
+    // What is no mesh to stand in the way.
+    std::fs::write(work.path("points.obj"), "v 0 0 0\nv 1 0 0\n").unwrap();
+    std::fs::write(work.path("broken.ply"), "ply\nformat ascii 1.0\nelement vertex 3\n").unwrap();
+    work.refused(&format!("{plume} --holdout points.obj -o x.exr"), Code::Invalid, &["points.obj", "no polygons"]);
+    work.refused(&format!("{plume} --holdout broken.ply -o x.exr"), Code::Invalid, &["broken.ply"]);
+    work.refused(&format!("{plume} --holdout none.ply -o x.exr"), Code::NotFound, &["none.ply"]);
+    work.refused(
+        &format!("{plume} --holdout plane.obj --holdout-depth ray -o x.exr"),
+        Code::Usage,
+        &["plane.obj", "this is a mesh"],
+    );
+}

@@ -41,6 +41,14 @@ def render_depths(scene, path):
     scene.cycles.samples, render.resolution_percentage = samples, percentage
 
 
+def write_mesh(made, path):
+    """Writes the boxes as one mesh, in Blender's world."""
+    bpy.ops.object.select_all(action="DESELECT")
+    for box in made:
+        box.select_set(True)
+    bpy.ops.wm.ply_export(filepath=str(path), export_selected_objects=True, forward_axis="Y", up_axis="Z")
+
+
 def test_a_holdout_is_that_of_cycles(fixtures, cumulo, cumulo_parity, tmp_path):
     scene = smoke_scene.smoke(fixtures / "plume.vdb", density=8.0)
     exported = bpy_scene.export(tmp_path / "scene")
@@ -48,6 +56,8 @@ def test_a_holdout_is_that_of_cycles(fixtures, cumulo, cumulo_parity, tmp_path):
     depth = tmp_path / "depth.exr"
     hold_out(scene, made, False)
     render_depths(scene, depth)
+    mesh = tmp_path / "boxes.ply"
+    write_mesh(made, mesh)
     hold_out(scene, made, True)
     of_cycles = reference.of_cycles(
         "holdout", lambda seed: smoke_scene.film(scene, seed), [fixtures / "plume.vdb", __file__]
@@ -61,5 +71,6 @@ def test_a_holdout_is_that_of_cycles(fixtures, cumulo, cumulo_parity, tmp_path):
         return picture
 
     assert cumulo_parity.statistical(of_cycles, lambda seed, path: rendered(seed, path, "--holdout", depth))
+    assert cumulo_parity.statistical(of_cycles, lambda seed, path: rendered(seed, path, "--holdout", mesh, "--quiet"))
     with pytest.raises(pytest.fail.Exception, match="expected values differ"):
         cumulo_parity.statistical(of_cycles, rendered)

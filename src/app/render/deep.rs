@@ -1,11 +1,12 @@
 //! Deep pictures, into which other elements can be put afterwards.
 
 use super::RenderSettings;
+use super::accuracy::{REPLICATES, SCENE};
 use super::begun::Pictured;
 use super::target::Target;
 use crate::app::context::Picture;
+use crate::app::pictured::BACKGROUND;
 use crate::app::pictures::renderer::SceneRenderer;
-use crate::app::ranges;
 use crate::cancel::Cancel;
 use crate::error::{Code, Error, Result};
 use crate::formats::exr::Window;
@@ -21,7 +22,7 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-/// Range of the error: of less, depths in single precision tell nothing.
+/// Range of the error: of less, depths in single precision tell little.
 const ERRORS: [f64; 2] = [1e-4, 0.5];
 /// Rows that are rendered before they are written.
 const ROWS: usize = 64;
@@ -82,7 +83,11 @@ impl RenderSettings {
     pub(super) fn check_deep(&self) -> Result<()> {
         let Some(error) = self.deep else { return Ok(()) };
         let [least, most] = ERRORS;
-        ranges::require("deep", error, (least..=most).contains(&error), "an error from 1e-4 to 0.5")?;
+        if !(least..=most).contains(&error) {
+            return Err(Error::invalid(format!("⟨deep={error:?}⟩: an error from {least:?} to {most:?} is expected"))
+                .coded(Code::Usage)
+                .hint("give ⟨deep=0.01⟩ for pictures whose error is hardly seen"));
+        }
         let others = [
             ("⟨png⟩", self.png),
             ("⟨half⟩", self.half),
@@ -92,9 +97,11 @@ impl RenderSettings {
             ("⟨target_error⟩, ⟨time⟩ and ⟨replicates⟩", self.accuracy.on()),
         ];
         if let Some((name, _)) = others.iter().find(|(_, given)| *given) {
-            return Err(Error::invalid(format!("{name}: deep pictures have samples of color, alpha and depth alone"))
+            return Err(Error::invalid(format!("{name}: flat pictures alone are rendered with it"))
                 .coded(Code::Usage)
-                .hint("leave it out, or render the picture without ⟨deep⟩ as well"));
+                .hint(
+                    "leave it out, or leave out ⟨deep⟩; what a deep picture shows before a depth is known afterwards",
+                ));
         }
         if self.pictures.shade.is_none()
             && let Some(quadrature) = self.pictures.quadrature.filter(|quadrature| quadrature.step().is_some())
@@ -133,6 +140,8 @@ impl RenderSettings {
         let picture = Deep::new(view, sampling, error, pictured.scene);
         let mut film = Film { samples: sampling.samples(), ..Film::of(width, height, Vec::new()) };
         let mut attributes = pictured.attributes(self, renderer, (&film, None));
+        // Samples have no background, and pictures of other seeds cannot be joined with them.
+        [BACKGROUND, REPLICATES, SCENE].into_iter().for_each(|name| drop(attributes.remove(name)));
         attributes.insert("cumulo:deep_error".into(), error.to_string());
         if self.is_sequence() {
             attributes.insert("cumulo:frame".into(), pictured.number.to_string());

@@ -5,7 +5,7 @@ use super::accuracy::{AccuracyReport, Deadline, PictureError};
 use super::begun::{Pictured, is_stopped};
 use super::blur::grain;
 use super::deep::{DeepReport, Tally};
-use super::holdout::{coarse, hides_all};
+use super::holdout::{LastMesh, coarse, hides_all};
 use super::sequence::{Done, Sequence, Shot};
 use super::target::Target;
 use super::visibility::Visibility;
@@ -209,6 +209,7 @@ impl RenderSettings {
             inputs: BTreeMap::new(),
             shot: None,
             visibility: Visibility::default(),
+            mesh: LastMesh::default(),
             tally: Tally::default(),
             remarks: BTreeSet::new(),
             cancel: context.cancel(),
@@ -464,7 +465,7 @@ impl Sequence<'_> {
         let (plan, scene) = (shot.plan.as_ref(), (&shot.scene, shot.paths));
         let renderer = self.render.renderer(&self.pictures, plan, scene, &[camera], &self.cancel)?;
         let stated = self.template.as_ref().and_then(|c| c.frames.first());
-        let holdout = self.render.held_out(number, self.pictures.whole_size(stated))?;
+        let holdout = self.render.held_out(number, self.pictures.whole_size(stated), &self.mesh)?;
         let whole = self.pictures.whole(self.target, stated);
         self.note_held_out(holdout.as_ref(), shot.paths, context);
         let mut provenance = shot.provenance.clone();
@@ -486,7 +487,7 @@ impl Sequence<'_> {
             let refused = self.place(path, |files| {
                 let to = (files[0].clone(), &self.tally);
                 let made = render.deep_picture(&pictured, (&renderer, view), to, whole, work)?;
-                visibility.add(&made.film);
+                visibility.add_deep(&made.film);
                 counts = made.counts;
                 Ok(())
             })?;

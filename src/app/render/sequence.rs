@@ -3,6 +3,7 @@
 use super::RenderSettings;
 use super::accuracy::Deadline;
 use super::deep::Tally;
+use super::holdout::LastMesh;
 use super::target::Target;
 use super::visibility::Visibility;
 use crate::app::pictures::PictureSettings;
@@ -63,6 +64,8 @@ pub(super) struct Sequence<'s> {
     pub shot: Option<Arc<Shot>>,
     /// Whether anything is to be seen in the pictures so far.
     pub visibility: Visibility,
+    /// Mesh that hides what is behind it.
+    pub mesh: LastMesh,
     /// Samples of deep pictures.
     pub tally: Tally,
     /// Remarks that were made.

@@ -4,7 +4,7 @@ use super::accuracy::{AccuracyReport, Deadline, PictureError, Turn};
 use super::begun::Pictured;
 use super::blur::grain;
 use super::deep::{DeepReport, Tally};
-use super::holdout::{coarse, hides_all};
+use super::holdout::{LastMesh, coarse, hides_all};
 use super::target::Target;
 use super::visibility::Visibility;
 use super::{RenderSettings, fits, straight};
@@ -194,6 +194,8 @@ pub(super) struct Views<'v> {
     pub provenance: Provenance,
     /// True if paths were asked for.
     pub paths: bool,
+    /// Mesh that hides what is behind it.
+    mesh: LastMesh,
     /// Samples of deep pictures.
     tally: Tally,
     cancel: Cancel,
@@ -262,7 +264,8 @@ impl RenderSettings {
         let files: Vec<PathBuf> = numbers.iter().filter_map(|number| self.holdout.file(*number as u32)).collect();
         provenance.files(files.iter().map(PathBuf::as_path))?;
         // Depths of one render are alike: the first speak for all.
-        if let Some(first) = self.held_out(numbers[0] as u32, sizes[0])? {
+        let mesh = LastMesh::default();
+        if let Some(first) = self.held_out(numbers[0] as u32, sizes[0], &mesh)? {
             remarks.extend(hides_all(&first).into_iter().chain(coarse(&first, paths, pictures.supersample)));
         }
         remarks.iter().for_each(|remark| context.note(format!("remark: {remark}")));
@@ -281,6 +284,7 @@ impl RenderSettings {
             colors,
             provenance,
             paths,
+            mesh,
             tally: Tally::default(),
             cancel,
         };
@@ -391,14 +395,14 @@ impl Views<'_> {
         let focus = settings.pictures.focus(scene);
         let pictured = Pictured { provenance, pictures: &settings.pictures, number, camera, scene, focus };
         let earlier = pictured.begun(settings, &capture.frames[place].picture);
-        let holdout = settings.held_out(number as u32, sizes[place])?;
+        let holdout = settings.held_out(number as u32, sizes[place], &self.mesh)?;
         let view = View { holdout: holdout.as_ref(), ..camera.into() };
         let add = |path: &PathBuf| batch.lock().unwrap_or_else(PoisonError::into_inner).add(path);
         let files = || self.files(place).iter().map(add).collect::<Result<Vec<PathBuf>>>();
         if settings.deep.is_some() {
             let to = (files()?.remove(0), &self.tally);
             let made = settings.deep_picture(&pictured, (renderer, view), to, *whole, (cancel, &progress))?;
-            visibility.add(&made.film);
+            visibility.add_deep(&made.film);
             return Ok((made.counts, None, None));
         }
         let view = (number, view, turn);

@@ -40,6 +40,12 @@ impl Visibility {
         self.opaque.fetch_add(above(OPAQUE), Ordering::Relaxed);
     }
 
+    /// Looks at a deep picture, of which opacity alone is of use as well.
+    pub(super) fn add_deep(&self, film: &Film) {
+        self.add(film);
+        self.brightest.fetch_max(f32::MIN_POSITIVE.to_bits(), Ordering::Relaxed);
+    }
+
     fn brightest(&self) -> f64 {
         f32::from_bits(self.brightest.load(Ordering::Relaxed)).into()
     }
@@ -130,6 +136,9 @@ mod tests {
         assert_eq!(flame.nothing(false), None);
         let (plain, function) = of(&[[0.0, 0.0, 0.0, 1.0]]);
         assert!(has(&plain, "black") && has(&function, "black"));
+        let matte = Visibility::default();
+        matte.add_deep(&Film::of(1, 1, vec![[0.0, 0.0, 0.0, 0.5]]));
+        assert_eq!(matte.nothing(false), None);
         let (plain, function) = of(&[[1.0, 1.0, 1.0, 0.0]]);
         assert!(has(&plain, "⟨density_scale=auto⟩") && has(&function, "⟨tf_range"));
     }

@@ -88,10 +88,10 @@ fn thumbnail(capture: &Capture, frame: &Frame, side: usize, limits: Limits) -> R
     let format = picture::format(&frame.picture)?;
     let color_space = capture.color_space.or(Some(ColorSpace::Srgb));
     let options = Options { color_space, background: capture.background, limits, ..Options::default() };
-    let film = picture::read(&frame.picture, &options)?.film;
+    let film = picture::read_or_flattened(&frame.picture, &options)?.film;
     Ok(Thumbnail {
         white: exposure::white_of(&film),
-        linear: matches!(format.kind, FileKind::Exr),
+        linear: matches!(format.kind, FileKind::Exr | FileKind::DeepExr),
         film: fitted(&film, side),
     })
 }

@@ -9,11 +9,11 @@ use std::path::PathBuf;
 /// Options of objects that hide what is behind them.
 #[derive(Debug, clap::Args)]
 struct HoldoutArgs {
-    /// Hold the volume out behind the objects of this depth picture, or of those of the frames, depth.####.exr: what is
-    /// beyond the depth of a pixel is not seen, the background included, and alpha is that of what is before it. Lights
-    /// pass the objects. Rims are smooth if the depth picture has a multiple of the pixels, without --albedo with as
-    /// much --supersample
-    #[arg(long, value_name = "EXR")]
+    /// Hold the volume out behind the objects of this depth picture, name.exr, or of this mesh in world space, name.ply
+    /// or name.obj; of frames, depth.####.exr: what is behind is not seen, the background included, and alpha is that
+    /// of what is before. Lights pass the objects. Rims are smooth if the depth picture has a multiple of the pixels,
+    /// without --albedo with as much --supersample
+    #[arg(long, value_name = "EXR|MESH")]
     holdout: Option<PathBuf>,
     /// Layer of the depth picture that has the depths (default: the only one named Depth or Z)
     #[arg(long, value_name = "NAME", requires = "holdout")]

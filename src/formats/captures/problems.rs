@@ -54,7 +54,7 @@ fn picture_problems(capture: &Capture, limits: Limits) -> Vec<Problem> {
 fn of_picture(frame: &Frame, capture: &Capture, limits: Limits) -> Vec<Problem> {
     let path = frame.picture.display();
     let options = picture::Options { color_space: capture.color_space, limits, ..picture::Options::default() };
-    let picture = match picture::read(&frame.picture, &options) {
+    let picture = match picture::read_or_flattened(&frame.picture, &options) {
         Ok(picture) => picture,
         Err(error) => {
             let missing = error.io_kind() == Some(std::io::ErrorKind::NotFound);

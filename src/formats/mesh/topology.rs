@@ -128,7 +128,7 @@ impl Mesh {
     }
 
     /// Triangles of the polygons, each polygon a fan about its first corner.
-    fn triangles(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
+    pub(crate) fn triangles(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
         self.polygons().flat_map(|polygon| (1..polygon.len() - 1).map(|i| [polygon[0], polygon[i], polygon[i + 1]]))
     }
 

@@ -3,11 +3,21 @@
 use super::slices::Knot;
 use glam::DVec4;
 
+/// A place of a curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Entry {
+    /// Depth.
+    pub z: f64,
+    /// Value, estimated where it is not known.
+    pub value: DVec4,
+    /// Bounds of the value.
+    pub bounds: [DVec4; 2],
+}
+
 /// A curve over depth.
 #[derive(Debug, Default)]
 pub(super) struct Curve {
     steps: Vec<Knot>,
-    knots: Vec<Knot>,
 }
 
 impl Curve {
@@ -23,40 +33,67 @@ impl Curve {
         self.steps.iter().map(|step| step.1).sum()
     }
 
-    /// Sets the smooth part, by ascending depths.
-    pub fn smooth(&mut self, knots: &[Knot]) {
-        self.knots = knots.to_vec();
-    }
-
-    /// Returns values by ascending depths, two at the place of a step: before and after it.
-    pub fn entries(mut self) -> Vec<Knot> {
+    /// Returns the curve of the steps and of a smooth part, which rises from knot to knot, by ascending depths: two
+    /// entries at the place of a step, before and after it.
+    pub fn entries(mut self, knots: &[Knot]) -> Vec<Entry> {
         self.steps.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut entries = Vec::with_capacity(self.knots.len() + 2 * self.steps.len());
-        let (mut drawn, mut steps) = (DVec4::ZERO, self.steps.into_iter().peekable());
-        let mut last: Knot = self.knots.first().copied().unwrap_or_default();
-        // Rounding may put steps a little before the first knot.
-        let mut all_steps_until = |until: Knot, from: Knot, entries: &mut Vec<Knot>| {
-            while let Some((z, first)) = steps.next_if(|step| step.0 < until.0 || until.0.is_infinite()) {
-                let mut by = first;
-                while let Some((_, more)) = steps.next_if(|step| step.0 == z) {
-                    by += more;
-                }
-                // Between knots the smooth part is taken for a line, which its slices allow.
-                let share = (z - from.0) / (until.0 - from.0);
+        let mut entries = Vec::with_capacity(knots.len() + 2 * self.steps.len());
+        let (mut drawn, mut steps) = (DVec4::ZERO, &self.steps[..]);
+        let mut before = knots.first().copied().unwrap_or_default();
+        let end = (f64::INFINITY, knots.last().copied().unwrap_or_default().1);
+        for knot in knots.iter().copied().chain([end]) {
+            let (within, behind) = steps.split_at(steps.partition_point(|step| step.0 < knot.0));
+            steps = behind;
+            for place in within.chunk_by(|a, b| a.0 == b.0) {
+                let z = place[0].0;
+                // Between knots the smooth part is somewhere between its values there.
+                let share = (z - before.0) / (knot.0 - before.0);
                 let share = if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 };
-                let smooth = from.1 + share * (until.1 - from.1);
-                entries.push((z, smooth + drawn));
-                drawn += by;
-                entries.push((z, smooth + drawn));
+                let entry = |drawn: DVec4| Entry {
+                    z,
+                    value: before.1 + share * (knot.1 - before.1) + drawn,
+                    bounds: [before.1 + drawn, knot.1 + drawn],
+                };
+                entries.push(entry(drawn));
+                drawn += place.iter().map(|step| step.1).sum::<DVec4>();
+                entries.push(entry(drawn));
             }
-            drawn
-        };
-        for knot in self.knots {
-            let drawn = all_steps_until(knot, last, &mut entries);
-            entries.push((knot.0, knot.1 + drawn));
-            last = knot;
+            if knot.0.is_finite() {
+                let value = knot.1 + drawn;
+                entries.push(Entry { z: knot.0, value, bounds: [value; 2] });
+            }
+            before = knot;
         }
-        all_steps_until((f64::INFINITY, last.1), last, &mut entries);
         entries
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_stand_among_knots() {
+        let all = DVec4::splat;
+        let mut curve = Curve::default();
+        [(2.0, 0.25), (1.5, 0.125), (2.0, 0.5), (0.5, 1.0), (9.0, 2.0)].map(|(z, by)| curve.step(z, all(by)));
+        curve.step(3.0, DVec4::ZERO);
+        assert_eq!(curve.drawn(), all(3.875));
+        let entries = curve.entries(&[(1.0, all(0.0)), (2.0, all(0.5)), (3.0, all(0.75))]);
+        let found: Vec<_> = entries.iter().map(|e| [e.z, e.value.x, e.bounds[0].x, e.bounds[1].x]).collect();
+        let expected = [
+            [0.5, 0.0, 0.0, 0.0],
+            [0.5, 1.0, 1.0, 1.0],
+            [1.0, 1.0, 1.0, 1.0],
+            [1.5, 1.25, 1.0, 1.5],
+            [1.5, 1.375, 1.125, 1.625],
+            [2.0, 1.625, 1.625, 1.625],
+            [2.0, 1.625, 1.625, 1.875],
+            [2.0, 2.375, 2.375, 2.625],
+            [3.0, 2.625, 2.625, 2.625],
+            [9.0, 2.625, 2.625, 2.625],
+            [9.0, 4.625, 4.625, 4.625],
+        ];
+        assert_eq!(found, expected);
     }
 }

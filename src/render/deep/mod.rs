@@ -49,10 +49,15 @@ pub struct Event {
 pub trait DeepIntegrator: Integrator {
     /// False if slices tell all, and nothing is drawn.
     const DRAWS: bool;
+    /// What is known of a ray that was walked.
+    type Way;
 
-    /// Returns radiance and optical depth of the part of a camera's ray between two world lengths, as far as no path
-    /// draws them.
-    fn slice(&self, ray: &Ray, part: [f64; 2], scratch: &mut Self::Scratch) -> Slice;
+    /// Walks along a camera's ray before parts of it are asked for.
+    fn walk(&self, ray: &Ray, scratch: &mut Self::Scratch) -> Self::Way;
+
+    /// Returns radiance and optical depth of the part between two world lengths of the camera's ray that was walked
+    /// last, as far as no path draws them.
+    fn slice(&self, from: (&Ray, &mut Self::Way), part: [f64; 2], scratch: &mut Self::Scratch) -> Slice;
 
     /// Draws what a path adds to the ray that was walked last, the background left out; `events` are empty.
     fn draw(&self, _: &Ray, _: &Self::Primary, _: &mut Sampler, _: &mut Self::Scratch, _: &mut Vec<Event>) {}
@@ -146,7 +151,7 @@ impl<'v> Deep<'v> {
             return [0.0; 4];
         };
         let mut curve = Curve::default();
-        slices.begin(range);
+        slices.rays.clear();
         let paths = f64::from(self.sampling.samples());
         let mut events = Vec::new();
         for number in 0..self.sampling.samples() / self.sampling.per_ray() {
@@ -176,9 +181,8 @@ impl<'v> Deep<'v> {
             }
         }
         let drawn = curve.drawn();
-        let (knots, unit) = slices.knots(integrator, (self.error, drawn), scratch);
-        curve.smooth(knots);
-        segments::append(curve.entries(), unit, (1.0 - slices::SHARE) * self.error, line)
+        let (knots, unit) = slices.knots(integrator, range, (self.error, drawn), scratch);
+        segments::append(curve.entries(knots), self.error * unit, line)
     }
 }
 

@@ -5,8 +5,10 @@ use crate::math::Ray;
 use crate::scene::camera::Camera;
 use glam::{DVec3, DVec4};
 
-/// Share of the error within which a slice shows nothing that is known closer.
-pub(super) const SHARE: f64 = 0.25;
+/// Share of the error that a slice shows at most, inside of which nothing is known closer.
+const SHARE: f64 = 0.5;
+/// Most parts that a slice is cut into at once.
+const PARTS: f64 = 16.0;
 /// Most slices of a range that are not cut for what they show, so that samples begin and end where volumes do.
 const COARSE: f64 = 32.0;
 /// Share of what a pixel shows that is too little to look where it is.
@@ -33,107 +35,180 @@ impl DepthRay {
         self.origin + distance * self.slope
     }
 
-    /// Returns the slice of the ray between two depths.
-    fn slice<I: DeepIntegrator>(&self, integrator: &I, depths: [f64; 2], scratch: &mut I::Scratch) -> Slice {
+    /// Returns the slice of the ray, which was walked last, between two depths.
+    fn slice<I: DeepIntegrator>(
+        &self,
+        integrator: &I,
+        way: &mut I::Way,
+        depths: [f64; 2],
+        scratch: &mut I::Scratch,
+    ) -> Seen {
         let part = depths.map(|z| ((z - self.origin) / self.slope).max(0.0));
-        if part[1] > part[0] { integrator.slice(&self.ray, part, scratch) } else { Slice::default() }
+        match part[1] > part[0] {
+            true => integrator.slice((&self.ray, way), part, scratch).into(),
+            false => Seen::NOTHING,
+        }
     }
 }
 
 /// What a pixel shows up to a depth.
 pub(super) type Knot = (f64, DVec4);
 
-/// Scratch memory: the rays of a pixel, and what they show as far as they were followed.
+/// A slice as it is seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Seen {
+    color: DVec3,
+    transmittance: DVec3,
+}
+
+impl Seen {
+    const NOTHING: Self = Self { color: DVec3::ZERO, transmittance: DVec3::ONE };
+
+    /// Returns both as one.
+    fn before(self, behind: &Self) -> Self {
+        Self {
+            color: self.color + self.transmittance * behind.color,
+            transmittance: self.transmittance * behind.transmittance,
+        }
+    }
+
+    /// Returns color and opacity.
+    fn value(&self) -> DVec4 {
+        self.color.extend(1.0 - self.transmittance.element_sum() / 3.0)
+    }
+}
+
+impl From<Slice> for Seen {
+    fn from(Slice { rgb, depth }: Slice) -> Self {
+        let grey = depth.x == depth.y && depth.y == depth.z;
+        let transmittance = if grey { DVec3::splat((-depth.x).exp()) } else { (-depth).map(f64::exp) };
+        Self { color: rgb, transmittance }
+    }
+}
+
+/// Scratch memory: the rays of a pixel, and what they show slice by slice.
 #[derive(Debug, Default)]
 pub(super) struct Slices {
     pub rays: Vec<DepthRay>,
-    range: [f64; 2],
-    /// Color and transmittance of each ray so far.
-    before: Vec<(DVec3, DVec3)>,
+    /// Depths between slices, ascending.
+    places: Vec<f64>,
+    /// For each slice, what each ray shows in it.
+    seen: Vec<Seen>,
+    /// For each slice, true if it is not to be cut.
+    whole: Vec<bool>,
     knots: Vec<Knot>,
-    /// Largest rise between two knots.
-    rise: DVec4,
-    /// Rise that is too little to look where it is.
-    little: DVec4,
+    /// What each ray shows up to a depth.
+    before: Vec<Seen>,
+    next: Cut,
+}
+
+/// Slices that others are cut into.
+#[derive(Debug, Default)]
+struct Cut {
+    places: Vec<f64>,
+    seen: Vec<Seen>,
+    whole: Vec<bool>,
+    /// Numbers of the slices that are new, and of those that they are parts of.
+    parts: Vec<[usize; 2]>,
 }
 
 impl Slices {
-    /// Begins a pixel.
-    pub fn begin(&mut self, range: [f64; 2]) {
-        self.range = range;
-        self.rays.clear();
-    }
-
-    /// Returns what the pixel shows from depth to depth beside what was `drawn`, ascending, and the units of its
-    /// errors.
+    /// Returns what the pixel shows from depth to depth in a range beside what was `drawn`, ascending, and the units of
+    /// its errors.
     pub fn knots<I: DeepIntegrator>(
         &mut self,
         integrator: &I,
+        range: [f64; 2],
         (error, drawn): (f64, DVec4),
         scratch: &mut I::Scratch,
     ) -> (&[Knot], DVec4) {
-        self.before.clear();
-        self.before.resize(self.rays.len(), (DVec3::ZERO, DVec3::ONE));
-        self.knots.clear();
-        self.knots.push((self.range[0], DVec4::ZERO));
-        let whole: Vec<Slice> = self.rays.iter().map(|ray| ray.slice(integrator, self.range, scratch)).collect();
-        let shown = self.after(&whole);
+        self.places = range.to_vec();
+        self.whole = vec![false];
+        self.seen.clear();
+        for ray in &self.rays {
+            let mut way = integrator.walk(&ray.ray, scratch);
+            self.seen.push(ray.slice(integrator, &mut way, range, scratch));
+        }
+        self.sum_up();
+        let shown = self.knots.last().map_or(DVec4::ZERO, |knot| knot.1);
         let unit = units(shown + drawn);
-        self.rise = SHARE * error * unit;
-        self.little = LITTLE * shown;
-        self.cut(integrator, self.range, &whole, scratch);
+        while self.cut(SHARE * error * unit, LITTLE * shown) {
+            self.fill(integrator, scratch);
+            self.sum_up();
+        }
         (&self.knots, unit)
     }
 
-    /// Returns what the pixel shows up to the end of slices.
-    fn after(&self, slices: &[Slice]) -> DVec4 {
-        let sum: DVec4 = self
-            .before
-            .iter()
-            .zip(slices)
-            .map(|(&(color, transmittance), slice)| {
-                let (color, transmittance) = through(color, transmittance, slice);
-                color.extend(1.0 - transmittance.element_sum() / 3.0)
-            })
-            .sum();
-        sum / self.rays.len().max(1) as f64
-    }
-
-    /// Cuts slices of all rays until they show little more than what is before them.
-    fn cut<I: DeepIntegrator>(
-        &mut self,
-        integrator: &I,
-        [from, to]: [f64; 2],
-        slices: &[Slice],
-        scratch: &mut I::Scratch,
-    ) {
-        let (last, after) = (self.knots.last().map_or(DVec4::ZERO, |knot| knot.1), self.after(slices));
-        let middle = f64::from((0.5 * (from + to)) as f32);
-        let rise = (after - last).abs();
-        let short = to - from <= (self.range[1] - self.range[0]) / COARSE;
-        let done = rise.cmple(self.rise).all() && (short || rise.cmple(self.little).all());
-        // Depths of samples have single precision.
-        if done || middle <= from || middle >= to {
-            for (before, slice) in self.before.iter_mut().zip(slices) {
-                *before = through(before.0, before.1, slice);
+    /// Sums up what the pixel shows up to the end of each slice.
+    fn sum_up(&mut self) {
+        let count = self.rays.len().max(1);
+        self.before.clear();
+        self.before.resize(count, Seen::NOTHING);
+        self.knots.clear();
+        self.knots.push((self.places[0], DVec4::ZERO));
+        for (place, seen) in self.places[1..].iter().zip(self.seen.chunks(count)) {
+            let mut sum = DVec4::ZERO;
+            for (before, seen) in self.before.iter_mut().zip(seen) {
+                *before = before.before(seen);
+                sum += before.value();
             }
-            self.knots.push((to, after));
-            return;
+            self.knots.push((*place, sum / count as f64));
         }
-        let mut half = |depths: [f64; 2], rays: &[DepthRay]| -> Vec<Slice> {
-            let part = |(ray, whole): (&DepthRay, &Slice)| match *whole == Slice::default() {
-                true => Slice::default(),
-                false => ray.slice(integrator, depths, scratch),
-            };
-            rays.iter().zip(slices).map(part).collect()
-        };
-        let [front, back] = [[from, middle], [middle, to]].map(|depths| half(depths, &self.rays));
-        self.cut(integrator, [from, middle], &front, scratch);
-        self.cut(integrator, [middle, to], &back, scratch);
     }
-}
 
-/// Returns color and transmittance up to the end of a slice.
-fn through(color: DVec3, transmittance: DVec3, slice: &Slice) -> (DVec3, DVec3) {
-    (color + transmittance * slice.rgb, transmittance * (-slice.depth).map(f64::exp))
+    /// Cuts the slices that show more than a rise, or anything but `little` of it in a long part of the range. Returns
+    /// false if none is left.
+    fn cut(&mut self, most: DVec4, little: DVec4) -> bool {
+        let count = self.rays.len().max(1);
+        let coarse = (self.places[self.places.len() - 1] - self.places[0]) / COARSE;
+        let Cut { places, seen, whole, parts } = &mut self.next;
+        (places.clear(), seen.clear(), whole.clear(), parts.clear());
+        places.push(self.places[0]);
+        for (slice, pair) in self.places.windows(2).enumerate() {
+            let [from, to] = [pair[0], pair[1]];
+            let rise = (self.knots[slice + 1].1 - self.knots[slice].1).abs();
+            let enough = rise.cmple(most).all() && (to - from <= coarse || rise.cmple(little).all());
+            let first = places.len();
+            if !(self.whole[slice] || enough) {
+                let number = (rise / most).max_element().ceil().clamp(2.0, PARTS);
+                let place = |k: usize| f64::from((from + (to - from) * k as f64 / number) as f32);
+                // Depths of samples have single precision.
+                for inner in (1..number as usize).map(place) {
+                    if inner > places[places.len() - 1] && inner < to {
+                        places.push(inner);
+                    }
+                }
+            }
+            let is_cut = places.len() > first;
+            places.push(to);
+            if is_cut {
+                parts.extend((first..places.len()).map(|place| [place - 1, slice]));
+                seen.resize((places.len() - 1) * count, Seen::NOTHING);
+                whole.resize(places.len() - 1, false);
+            } else {
+                seen.extend(&self.seen[slice * count..][..count]);
+                whole.push(true);
+            }
+        }
+        !parts.is_empty()
+    }
+
+    /// Looks at what was cut.
+    fn fill<I: DeepIntegrator>(&mut self, integrator: &I, scratch: &mut I::Scratch) {
+        let count = self.rays.len();
+        let Cut { places, seen, parts, .. } = &mut self.next;
+        for (number, ray) in self.rays.iter().enumerate() {
+            let mut way = None;
+            for [part, of] in parts.iter().copied() {
+                if self.seen[of * count + number] != Seen::NOTHING {
+                    let way = way.get_or_insert_with(|| integrator.walk(&ray.ray, scratch));
+                    let depths = [places[part], places[part + 1]];
+                    seen[part * count + number] = ray.slice(integrator, way, depths, scratch);
+                }
+            }
+        }
+        std::mem::swap(&mut self.places, &mut self.next.places);
+        std::mem::swap(&mut self.seen, &mut self.next.seen);
+        std::mem::swap(&mut self.whole, &mut self.next.whole);
+    }
 }

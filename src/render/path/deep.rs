@@ -3,15 +3,30 @@
 use super::{PathTracer, Primary, Scratch};
 use crate::math::Ray;
 use crate::render::deep::{DeepIntegrator, Event, Slice};
+use crate::render::dvr::TracedRay;
 use crate::render::integrator::Integrator;
 use crate::render::sampler::Sampler;
 use glam::Vec3;
 
+/// What is known of a camera's ray that was walked.
+#[derive(Debug)]
+pub struct Way {
+    walked: Option<TracedRay>,
+    /// Length and optical depth that were asked for last.
+    last: [f64; 2],
+}
+
 impl DeepIntegrator for PathTracer<'_> {
     const DRAWS: bool = true;
+    type Way = Way;
 
-    fn slice(&self, ray: &Ray, [from, to]: [f64; 2], scratch: &mut Scratch) -> Slice {
-        self.kernel.slice(&Ray { origin: ray.at(from), direction: ray.direction, far: to - from }, scratch)
+    fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> Way {
+        Way { walked: self.kernel.walk(ray, scratch), last: [0.0; 2] }
+    }
+
+    fn slice(&self, (ray, way): (&Ray, &mut Way), part: [f64; 2], scratch: &mut Scratch) -> Slice {
+        let Way { walked, last } = way;
+        self.kernel.slice((ray, walked.as_ref().map(|walked| (walked, last))), part, scratch)
     }
 
     fn draw(
@@ -22,6 +37,10 @@ impl DeepIntegrator for PathTracer<'_> {
         scratch: &mut Scratch,
         events: &mut Vec<Event>,
     ) {
+        if self.kernel.misses(primary) {
+            scratch.counts.paths += 1;
+            return;
+        }
         // A ray that ends does not see the background, and slices have what a grid emits by itself.
         let (ray, primary) = (Ray { far: f64::MAX, ..*ray }, Primary { emitted: Vec3::ZERO, ..*primary });
         scratch.apart = Some(std::mem::take(events));

@@ -3,6 +3,7 @@
 use super::tracking::{Collision, LEAST_TRANSMITTANCE, Media, Visible};
 use super::{Primary, Scratch};
 use crate::math::Ray;
+use crate::render::dvr::TracedRay;
 use crate::render::emission_absorption::EmissionAbsorption;
 use crate::render::preshaded::Preshaded;
 use crate::render::sampler::Sampler;
@@ -104,6 +105,14 @@ impl<M: Media, G: Glow> Media for Emissive<M, G> {
     #[inline(always)]
     fn emitted(&self, ray: &Ray, primary: Option<&Primary>, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
         self.glow.emitted(&self.media, ray, primary, sampler, scratch)
+    }
+
+    fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> Option<TracedRay> {
+        self.media.walk(ray, scratch)
+    }
+
+    fn depth_before(&self, walked: &TracedRay, length: f64, scratch: &Scratch) -> f64 {
+        self.media.depth_before(walked, length, scratch)
     }
 
     fn glow(&self, part: &Ray, scratch: &mut Scratch) -> Vec3 {

@@ -94,6 +94,9 @@ pub struct PathTracer<'a> {
     arch: Arch,
 }
 
+/// A camera's ray that was walked, with the length and the optical depth before it that were asked for last.
+type Asked<'a> = (&'a TracedRay, &'a mut [f64; 2]);
+
 /// A path tracing kernel compiled for a kind of media.
 trait Kernel: Sync + Send {
     /// Returns the unit vector in which the density of a volume falls; 0 where it is constant.
@@ -104,8 +107,13 @@ trait Kernel: Sync + Send {
     fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> f64;
     /// Returns the extinction at a world position, the mean of the channels.
     fn extinction(&self, at: DVec3) -> f64;
-    /// Returns optical depth and emission of a ray that is a part of a camera's, as far as no path draws them.
-    fn slice(&self, part: &Ray, scratch: &mut Scratch) -> Slice;
+    /// Walks along a camera's ray before parts of it are asked for.
+    fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> Option<TracedRay>;
+    /// Returns optical depth and emission of a part of the camera's ray that was walked last, as far as no path draws
+    /// them.
+    fn slice(&self, from: (&Ray, Option<Asked<'_>>), part: [f64; 2], scratch: &mut Scratch) -> Slice;
+    /// True if nothing is on the way of a camera's ray that was walked.
+    fn misses(&self, primary: &Primary) -> bool;
     /// True if paths estimate the transmittance of camera rays by their collisions.
     fn draws_transmittance(&self) -> bool;
     /// Traces a path within limits from a camera's ray, which was walked last.
@@ -140,9 +148,27 @@ impl<M: Media> Kernel for M {
         Media::extinction(self, at)
     }
 
-    fn slice(&self, part: &Ray, scratch: &mut Scratch) -> Slice {
-        let depth = if M::DRAWS { DVec3::ZERO } else { Media::optical_depth(self, part, scratch) };
-        Slice { rgb: self.glow(part, scratch).as_dvec3(), depth }
+    fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> Option<TracedRay> {
+        Media::walk(self, ray, scratch)
+    }
+
+    fn slice(&self, (ray, way): (&Ray, Option<Asked<'_>>), part: [f64; 2], scratch: &mut Scratch) -> Slice {
+        let [from, to] = part;
+        let own = Ray { origin: ray.at(from), direction: ray.direction, far: to - from };
+        let depth = match way {
+            _ if M::DRAWS => DVec3::ZERO,
+            Some((walked, last)) => {
+                let before = if last[0] == from { last[1] } else { self.depth_before(walked, from, scratch) };
+                *last = [to, self.depth_before(walked, to, scratch)];
+                DVec3::splat((last[1] - before).max(0.0))
+            }
+            None => Media::optical_depth(self, &own, scratch),
+        };
+        Slice { rgb: self.glow(&own, scratch).as_dvec3(), depth }
+    }
+
+    fn misses(&self, primary: &Primary) -> bool {
+        !M::GLOWS && primary.walked.is_some_and(|walked| walked.depth <= 0.0)
     }
 
     fn draws_transmittance(&self) -> bool {

@@ -10,7 +10,7 @@ use super::specular::Glossy;
 use super::{Primary, Scratch};
 use crate::error::{Error, Result};
 use crate::math::Ray;
-use crate::render::dvr::{self, Dvr};
+use crate::render::dvr::{self, Dvr, TracedRay};
 use crate::render::gradient::gradient;
 use crate::render::integrator::Counts;
 use crate::render::march::{IndexRay, Span, spans};
@@ -71,6 +71,14 @@ pub(super) trait Media: Sync + Send {
     /// be a camera's ray that was walked before.
     fn emitted(&self, _: &Ray, _: Option<&Primary>, _: &mut Sampler, _: &mut Scratch) -> Vec3 {
         Vec3::ZERO
+    }
+    /// Walks along a camera's ray for [`Media::depth_before`]; `None` where parts of rays are better walked apart.
+    fn walk(&self, _: &Ray, _: &mut Scratch) -> Option<TracedRay> {
+        None
+    }
+    /// Returns the optical depth of the first `length` of the camera's ray that was walked last.
+    fn depth_before(&self, _: &TracedRay, _length: f64, _: &Scratch) -> f64 {
+        0.0
     }
     /// Returns the radiance of the grids beside the media along a part of a camera's ray, as far as no path draws it.
     fn glow(&self, _: &Ray, _: &mut Scratch) -> Vec3 {
@@ -332,6 +340,15 @@ impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
     #[inline(always)]
     fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary {
         Primary { walked: Some(self.dvr.walk(ray, &mut scratch.camera)), ..Primary::default() }
+    }
+
+    fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> Option<TracedRay> {
+        let walked = self.dvr.walk(ray, &mut scratch.camera);
+        self.dvr.depth_before(&walked, 0.0, &scratch.camera).map(|_| walked)
+    }
+
+    fn depth_before(&self, walked: &TracedRay, length: f64, scratch: &Scratch) -> f64 {
+        self.dvr.depth_before(walked, length, &scratch.camera).unwrap_or_default()
     }
 
     fn optical_depth(&self, ray: &Ray, scratch: &mut Scratch) -> DVec3 {
