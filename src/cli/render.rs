@@ -70,8 +70,8 @@ struct RenderArgs {
     blur: BlurSettings,
     /// Write deep EXRs, whose pixels keep at which depths their light comes from, for compositing with other elements:
     /// as few samples as err by at most E, from 1e-4 to 0.5, in color and alpha before any depth; 0.01 is hardly seen.
-    /// Colors are measured by 1, or by the pixel's brightest channel. The background is left out. Not with --aov, --png,
-    /// --half, --denoise, --holdout and options that state an error
+    /// Colors are measured by 1, or by the pixel's brightest channel. The background is left out. Not with --aov,
+    /// --png, --half, --denoise, --holdout and options that state an error
     #[arg(long, value_name = "E", value_parser = parse::positive)]
     deep: Option<f64>,
     #[command(flatten)]

@@ -5,7 +5,8 @@
 //! along straight rays ([`emission_absorption`]) over a background. These are integrated by [`dvr`] (a density in a
 //! medium), [`shaded`] (surfaces of a density) and [`preshaded`] (emission and extinction by voxel), which walk a ray's
 //! bricks (`march`), cut it into segments ([`quadrature`], `segment`) and composite these by one driver
-//! (`compositing`). [`deep`] keeps at which depths a pixel's light comes from. [`differentiable`] is what they offer beyond a value.
+//! (`compositing`). [`deep`] keeps at which depths a pixel's light comes from. [`differentiable`] is what they offer
+//! beyond a value.
 
 pub mod accuracy;
 pub(crate) mod cell;

@@ -85,25 +85,28 @@ impl Surfaces {
         let mut nearest = f64::INFINITY;
         let most = single(leave.min(ray.far)) + 10.0 * SLACK;
         let tree_ray = TreeRay::new(origin.into(), direction.into(), 0.0, most);
-        self.tree.ray_traverse(tree_ray, &mut RayHit::none(), |_, number| match met(ray, &self.triangles[number]) {
-            Some(t) => {
-                nearest = nearest.min(t);
-                // What is nearer by less than single precision resolves is looked at, too.
-                single(t) + 10.0 * SLACK
+        self.tree.ray_traverse(tree_ray, &mut RayHit::none(), |_, number| {
+            match intersection(ray, &self.triangles[number]) {
+                Some(t) => {
+                    nearest = nearest.min(t);
+                    // What is nearer by less than single precision resolves is looked at, too.
+                    single(t) + 10.0 * SLACK
+                }
+                None => f32::INFINITY,
             }
-            None => f32::INFINITY,
         });
-        (nearest <= ray.far).then_some(nearest)
+        (nearest <= ray.far && nearest.is_finite()).then_some(nearest)
     }
 }
 
 /// Returns where a ray meets a triangle, which is given by a corner and the edges from it (Möller & Trumbore 1997).
 /// Edges belong to both triangles that they separate, so that no ray slips between.
-fn met(ray: &Ray, [corner, u, v]: &[DVec3; 3]) -> Option<f64> {
+fn intersection(ray: &Ray, [corner, u, v]: &[DVec3; 3]) -> Option<f64> {
     const EDGE: f64 = 1e-12;
     let across = ray.direction.cross(*v);
     let determinant = u.dot(across);
-    if determinant == 0.0 {
+    // Of triangles without area, and of rays along them, rounding alone would tell.
+    if determinant.powi(2) <= (EDGE * EDGE) * u.length_squared() * across.length_squared() {
         return None;
     }
     let from = ray.origin - corner;
@@ -162,8 +165,9 @@ mod tests {
                 for ray in
                     [Ray::new(origin, direction), Ray { far: away - 0.5 * radius, ..Ray::new(origin, direction) }]
                 {
-                    let expected = all.iter().filter_map(|triangle| met(&ray, triangle)).fold(f64::INFINITY, f64::min);
-                    let expected = (expected <= ray.far).then_some(expected);
+                    let expected =
+                        all.iter().filter_map(|triangle| intersection(&ray, triangle)).fold(f64::INFINITY, f64::min);
+                    let expected = (expected <= ray.far && expected.is_finite()).then_some(expected);
                     assert_eq!(surfaces.nearest(&ray), expected, "{centre} {radius} {i}");
                     hits += u32::from(expected.is_some());
                 }

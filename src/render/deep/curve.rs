@@ -76,7 +76,9 @@ mod tests {
     fn steps_stand_among_knots() {
         let all = DVec4::splat;
         let mut curve = Curve::default();
-        [(2.0, 0.25), (1.5, 0.125), (2.0, 0.5), (0.5, 1.0), (9.0, 2.0)].map(|(z, by)| curve.step(z, all(by)));
+        for (z, by) in [(2.0, 0.25), (1.5, 0.125), (2.0, 0.5), (0.5, 1.0), (9.0, 2.0)] {
+            curve.step(z, all(by));
+        }
         curve.step(3.0, DVec4::ZERO);
         assert_eq!(curve.drawn(), all(3.875));
         let entries = curve.entries(&[(1.0, all(0.0)), (2.0, all(0.5)), (3.0, all(0.75))]);

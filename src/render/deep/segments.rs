@@ -25,7 +25,7 @@ const LEFT: f64 = 0.25;
 /// show together.
 pub(super) fn append(entries: Vec<Entry>, error: DVec4, line: &mut DeepLine) -> [f32; 4] {
     let (entries, error) = ended(thinned(entries, NEAR * error), error);
-    let mut shown = Shown { color: DVec3::ZERO, transmittance: 1.0 };
+    let mut shown = Composite { color: DVec3::ZERO, transmittance: 1.0 };
     let (mut at, first) = (0, line.samples.len());
     while at + 1 < entries.len() {
         if entries[at + 1].value == entries[at].value {
@@ -81,12 +81,12 @@ fn ended(mut entries: Vec<Entry>, error: DVec4) -> (Vec<Entry>, DVec4) {
 
 /// What the samples so far show.
 #[derive(Clone, Copy)]
-struct Shown {
+struct Composite {
     color: DVec3,
     transmittance: f64,
 }
 
-impl Shown {
+impl Composite {
     fn value(self) -> DVec4 {
         self.color.extend(1.0 - self.transmittance)
     }

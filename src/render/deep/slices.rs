@@ -39,14 +39,14 @@ impl DepthRay {
     fn slice<I: DeepIntegrator>(
         &self,
         integrator: &I,
-        way: &mut I::Way,
+        way: &mut I::Walked,
         depths: [f64; 2],
         scratch: &mut I::Scratch,
-    ) -> Seen {
+    ) -> SliceOptics {
         let part = depths.map(|z| ((z - self.origin) / self.slope).max(0.0));
         match part[1] > part[0] {
             true => integrator.slice((&self.ray, way), part, scratch).into(),
-            false => Seen::NOTHING,
+            false => SliceOptics::NOTHING,
         }
     }
 }
@@ -56,12 +56,12 @@ pub(super) type Knot = (f64, DVec4);
 
 /// A slice as it is seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Seen {
+struct SliceOptics {
     color: DVec3,
     transmittance: DVec3,
 }
 
-impl Seen {
+impl SliceOptics {
     const NOTHING: Self = Self { color: DVec3::ZERO, transmittance: DVec3::ONE };
 
     /// Returns both as one.
@@ -78,7 +78,7 @@ impl Seen {
     }
 }
 
-impl From<Slice> for Seen {
+impl From<Slice> for SliceOptics {
     fn from(Slice { rgb, depth }: Slice) -> Self {
         let grey = depth.x == depth.y && depth.y == depth.z;
         let transmittance = if grey { DVec3::splat((-depth.x).exp()) } else { (-depth).map(f64::exp) };
@@ -93,12 +93,12 @@ pub(super) struct Slices {
     /// Depths between slices, ascending.
     places: Vec<f64>,
     /// For each slice, what each ray shows in it.
-    seen: Vec<Seen>,
+    seen: Vec<SliceOptics>,
     /// For each slice, true if it is not to be cut.
     whole: Vec<bool>,
     knots: Vec<Knot>,
     /// What each ray shows up to a depth.
-    before: Vec<Seen>,
+    before: Vec<SliceOptics>,
     next: Cut,
 }
 
@@ -106,7 +106,7 @@ pub(super) struct Slices {
 #[derive(Debug, Default)]
 struct Cut {
     places: Vec<f64>,
-    seen: Vec<Seen>,
+    seen: Vec<SliceOptics>,
     whole: Vec<bool>,
     /// Numbers of the slices that are new, and of those that they are parts of.
     parts: Vec<[usize; 2]>,
@@ -143,7 +143,7 @@ impl Slices {
     fn sum_up(&mut self) {
         let count = self.rays.len().max(1);
         self.before.clear();
-        self.before.resize(count, Seen::NOTHING);
+        self.before.resize(count, SliceOptics::NOTHING);
         self.knots.clear();
         self.knots.push((self.places[0], DVec4::ZERO));
         for (place, seen) in self.places[1..].iter().zip(self.seen.chunks(count)) {
@@ -162,7 +162,10 @@ impl Slices {
         let count = self.rays.len().max(1);
         let coarse = (self.places[self.places.len() - 1] - self.places[0]) / COARSE;
         let Cut { places, seen, whole, parts } = &mut self.next;
-        (places.clear(), seen.clear(), whole.clear(), parts.clear());
+        places.clear();
+        seen.clear();
+        whole.clear();
+        parts.clear();
         places.push(self.places[0]);
         for (slice, pair) in self.places.windows(2).enumerate() {
             let [from, to] = [pair[0], pair[1]];
@@ -183,7 +186,7 @@ impl Slices {
             places.push(to);
             if is_cut {
                 parts.extend((first..places.len()).map(|place| [place - 1, slice]));
-                seen.resize((places.len() - 1) * count, Seen::NOTHING);
+                seen.resize((places.len() - 1) * count, SliceOptics::NOTHING);
                 whole.resize(places.len() - 1, false);
             } else {
                 seen.extend(&self.seen[slice * count..][..count]);
@@ -200,7 +203,7 @@ impl Slices {
         for (number, ray) in self.rays.iter().enumerate() {
             let mut way = None;
             for [part, of] in parts.iter().copied() {
-                if self.seen[of * count + number] != Seen::NOTHING {
+                if self.seen[of * count + number] != SliceOptics::NOTHING {
                     let way = way.get_or_insert_with(|| integrator.walk(&ray.ray, scratch));
                     let depths = [places[part], places[part + 1]];
                     seen[part * count + number] = ray.slice(integrator, way, depths, scratch);

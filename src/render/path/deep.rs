@@ -10,7 +10,7 @@ use glam::Vec3;
 
 /// What is known of a camera's ray that was walked.
 #[derive(Debug)]
-pub struct Way {
+pub struct WalkedRay {
     walked: Option<TracedRay>,
     /// Length and optical depth that were asked for last.
     last: [f64; 2],
@@ -18,14 +18,14 @@ pub struct Way {
 
 impl DeepIntegrator for PathTracer<'_> {
     const DRAWS: bool = true;
-    type Way = Way;
+    type Walked = WalkedRay;
 
-    fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> Way {
-        Way { walked: self.kernel.walk(ray, scratch), last: [0.0; 2] }
+    fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> WalkedRay {
+        WalkedRay { walked: self.kernel.walk(ray, scratch), last: [0.0; 2] }
     }
 
-    fn slice(&self, (ray, way): (&Ray, &mut Way), part: [f64; 2], scratch: &mut Scratch) -> Slice {
-        let Way { walked, last } = way;
+    fn slice(&self, (ray, way): (&Ray, &mut WalkedRay), part: [f64; 2], scratch: &mut Scratch) -> Slice {
+        let WalkedRay { walked, last } = way;
         self.kernel.slice((ray, walked.as_ref().map(|walked| (walked, last))), part, scratch)
     }
 

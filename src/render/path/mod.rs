@@ -95,7 +95,7 @@ pub struct PathTracer<'a> {
 }
 
 /// A camera's ray that was walked, with the length and the optical depth before it that were asked for last.
-type Asked<'a> = (&'a TracedRay, &'a mut [f64; 2]);
+type WalkedDepth<'a> = (&'a TracedRay, &'a mut [f64; 2]);
 
 /// A path tracing kernel compiled for a kind of media.
 trait Kernel: Sync + Send {
@@ -111,7 +111,7 @@ trait Kernel: Sync + Send {
     fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> Option<TracedRay>;
     /// Returns optical depth and emission of a part of the camera's ray that was walked last, as far as no path draws
     /// them.
-    fn slice(&self, from: (&Ray, Option<Asked<'_>>), part: [f64; 2], scratch: &mut Scratch) -> Slice;
+    fn slice(&self, from: (&Ray, Option<WalkedDepth<'_>>), part: [f64; 2], scratch: &mut Scratch) -> Slice;
     /// True if nothing is on the way of a camera's ray that was walked.
     fn misses(&self, primary: &Primary) -> bool;
     /// True if paths estimate the transmittance of camera rays by their collisions.
@@ -152,7 +152,7 @@ impl<M: Media> Kernel for M {
         Media::walk(self, ray, scratch)
     }
 
-    fn slice(&self, (ray, way): (&Ray, Option<Asked<'_>>), part: [f64; 2], scratch: &mut Scratch) -> Slice {
+    fn slice(&self, (ray, way): (&Ray, Option<WalkedDepth<'_>>), part: [f64; 2], scratch: &mut Scratch) -> Slice {
         let [from, to] = part;
         let own = Ray { origin: ray.at(from), direction: ray.direction, far: to - from };
         let depth = match way {
@@ -335,13 +335,14 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
         if M::GLOWS && !dark {
             out.unscattered += media.emitted(ray, Some(primary), sampler, scratch);
         }
-        if NEAR && limits.max_bounces > 0 {
-            if let Some((distance, light)) = lighting.along(media, (ray, primary), sampler, scratch) {
-                match &mut scratch.apart {
-                    Some(apart) => apart.push(Event { distance, scattered: light, ..Event::default() }),
-                    None if distance <= ray.far => out.direct += light,
-                    None => {}
-                }
+        if NEAR
+            && limits.max_bounces > 0
+            && let Some((distance, light)) = lighting.along(media, (ray, primary), sampler, scratch)
+        {
+            match &mut scratch.apart {
+                Some(apart) => apart.push(Event { distance, scattered: light, ..Event::default() }),
+                None if distance <= ray.far => out.direct += light,
+                None => {}
             }
         }
         let Some((mut collision, mut weight)) = collision else { return out };
