@@ -19,7 +19,7 @@ pub enum DepthMeasure {
     Ray,
 }
 
-/// What hides all that is behind it, the background included.
+/// Objects that hide all that is behind them, the background included.
 #[derive(Debug, Clone)]
 pub enum Holdout {
     /// Depths of pixels.

@@ -102,6 +102,29 @@ fn samples_show_what_holdouts_leave() {
     }
 }
 
+/// A camera that moves through the volume sees, with the shutter open, what is behind the place of its frame as well.
+#[test]
+fn samples_together_are_the_picture_of_a_camera_inside() {
+    let work = Work::new();
+    let frame = |(i, z): (usize, f64)| {
+        let matrix = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]];
+        json!({"file_path": format!("view.{i:04}.exr"), "transform_matrix": matrix})
+    };
+    let frames: Vec<_> = [1.9, 1.2, 0.5].into_iter().enumerate().map(frame).collect();
+    let json = json!({"w": SIZE[0], "h": SIZE[1], "fl_x": 30.0, "near": 0.0, "frames": frames});
+    std::fs::write(work.path("moving.json"), json.to_string()).unwrap();
+    let words = "render @plume.vdb --cameras moving.json --frames 1 --shutter 1 --supersample 3 --density-scale 4 \
+                 --model emission-absorption --background 0,0,0";
+    work.json(&format!("{words} -o flat.exr"));
+    work.json(&format!("{words} --deep 0.01 -o deep.exr"));
+    let (flat, picture) = (work.picture("flat.exr"), deep::read(&work.path("deep.exr")).unwrap());
+    let pixels = picture.lines.iter().flat_map(|line| line.pixels().map(|samples| TidyPixel::new(samples).rgba()));
+    for (found, flat) in pixels.zip(&flat.rgba) {
+        assert!((0..4).all(|c| (found[c] - f64::from(flat[c])).abs() < 1e-5), "{found:?} {flat:?}");
+    }
+    assert!(flat.rgba.iter().any(|rgba| rgba[3] > 0.3));
+}
+
 #[test]
 fn what_deep_pictures_cannot_have_is_refused() {
     let work = Work::new();

@@ -100,6 +100,14 @@ impl LastMesh {
             return Ok(Arc::clone(surfaces));
         }
         let mesh = format.read(path, limits)?;
+        let concave = mesh.not_convex();
+        if concave > 0 {
+            return Err(Error::unsupported(format!(
+                "{concave} polygons are not convex: their triangles are not known"
+            ))
+            .at(path)
+            .hint("triangulate the mesh where it is exported"));
+        }
         let count = mesh.triangles().count() as u64;
         if count.saturating_mul(TRIANGLE_BYTES) > limits.max_memory {
             return Err(Error::unsupported(format!("{count} triangles do not fit in memory"))

@@ -13,7 +13,7 @@ mod slices;
 use crate::cancel::Cancel;
 use crate::math::Ray;
 use crate::render::film::{Sampling, View};
-use crate::render::integrator::{Counts, Integrator};
+use crate::render::integrator::{Counts, Integrator, Sample};
 use crate::render::sampler::Sampler;
 use crate::render::tiles::{self, Watch};
 use crate::scene::deep::DeepLine;
@@ -32,7 +32,7 @@ pub struct Slice {
     pub depth: DVec3,
 }
 
-/// What a path adds to a pixel at a distance along its camera's ray.
+/// Light and opacity that a path adds to a pixel at a distance along its camera's ray.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Event {
     /// World length from the ray's origin.
@@ -49,7 +49,7 @@ pub struct Event {
 pub trait DeepIntegrator: Integrator {
     /// False if slices tell all, and nothing is drawn.
     const DRAWS: bool;
-    /// What is known of a ray that was walked.
+    /// State that all parts of a ray share.
     type Walked;
 
     /// Walks along a camera's ray before parts of it are asked for.
@@ -77,7 +77,7 @@ pub struct DeepRows {
 /// A deep picture that is to be rendered.
 #[derive(Debug)]
 pub struct Deep<'v> {
-    /// What the picture shows. Holdouts have no effect.
+    /// Camera of the picture, with its blur. Holdouts have no effect.
     pub view: View<'v>,
     /// Rays of its pixels.
     pub sampling: Sampling,
@@ -96,9 +96,9 @@ impl<'v> Deep<'v> {
         let corners = scene.volumes.iter().map(|volume| volume.world_bounds()).filter(|bounds| !bounds.is_empty());
         let depths = corners.flat_map(|bounds| bounds.corners()).map(|corner| (corner - eye).dot(axis));
         let whole = depths.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], z| [a.min(z), b.max(z)]);
-        // Depths of samples have single precision, and cameras that are blurred see a little more.
+        // Depths of samples have single precision.
         let margin = 1e-3 * (whole[1] - whole[0]);
-        let range = [(whole[0] - margin).max(0.0), whole[1] + margin].map(|z| f64::from(z as f32));
+        let range = [(whole[0] - margin).max(0.0), whole[1] + margin].map(|z| f64::from(z.min(f32::MAX.into()) as f32));
         Self { view, sampling, error, range: (range[1] > range[0]).then_some(range) }
     }
 
@@ -115,12 +115,13 @@ impl<'v> Deep<'v> {
         let run = |scratch: &mut (I::Scratch, Slices), &[x, y]: &[usize; 2]| {
             let mut line = DeepLine::default();
             let across = x..width.min(x + RUN);
-            let rgba = across.clone().map(|x| self.pixel(integrator, [x, y], scratch, &mut line, watch.cancel));
-            let rgba: Vec<_> = rgba.collect();
+            let mut clamped = Counts::default();
+            let pixel = |x| self.pixel(integrator, [x, y], scratch, (&mut line, &mut clamped), watch.cancel);
+            let rgba: Vec<_> = across.clone().map(pixel).collect();
             if let Some(done) = watch.done {
                 done(across.len() as u64);
             }
-            (line, rgba, I::take_counts(&mut scratch.0))
+            (line, rgba, I::take_counts(&mut scratch.0).plus(clamped))
         };
         let runs = tiles::map(&units, watch.cancel, Default::default, run)?;
         let mut all = DeepRows { lines: Vec::with_capacity(rows.len()), rgba: Vec::new(), counts: Counts::default() };
@@ -143,7 +144,7 @@ impl<'v> Deep<'v> {
         integrator: &I,
         at: [usize; 2],
         (scratch, slices): &mut (I::Scratch, Slices),
-        line: &mut DeepLine,
+        (line, clamped): (&mut DeepLine, &mut Counts),
         cancel: &Cancel,
     ) -> [f32; 4] {
         let Some(range) = self.range.filter(|_| !cancel.requested()) else {
@@ -169,15 +170,20 @@ impl<'v> Deep<'v> {
                 events.clear();
                 integrator.draw(&ray.ray, &primary, &mut sampler, scratch, &mut events);
                 events.sort_by(|a, b| a.distance.total_cmp(&b.distance));
-                let (mut sum, mut seen) = (Vec3::ZERO, Vec3::ZERO);
+                let (mut sum, mut seen, mut counts) = (Vec3::ZERO, Vec3::ZERO, Counts::default());
                 for event in &events {
                     sum += event.scattered;
-                    let now = self.sampling.clamp.map_or(sum, |most| sum * (most / sum.max_element()).min(1.0));
-                    let color = event.unscattered + now - seen;
-                    seen = now;
+                    let mut sample = Sample { direct: sum, ..Sample::default() };
+                    counts = Counts::default();
+                    if let Some(most) = self.sampling.clamp {
+                        sample.clamp(most, &mut counts);
+                    }
+                    let color = event.unscattered + sample.direct - seen;
+                    seen = sample.direct;
                     let step = color.extend(event.opacity).as_dvec4() / paths;
                     curve.step(ray.depth(event.distance), step);
                 }
+                *clamped = clamped.plus(counts);
             }
         }
         let drawn = curve.drawn();

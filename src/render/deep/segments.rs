@@ -79,7 +79,7 @@ fn ended(mut entries: Vec<Entry>, error: DVec4) -> (Vec<Entry>, DVec4) {
     (entries, error - left * DVec4::W)
 }
 
-/// What the samples so far show.
+/// Color and transmittance of the samples so far.
 #[derive(Clone, Copy)]
 struct Composite {
     color: DVec3,
@@ -200,7 +200,7 @@ mod tests {
         assert_eq!(appended(&[(1.0, [0.0; 4]), (2.0, [0.0; 4])], 0.1), (vec![], [0.0; 4]));
     }
 
-    /// What rises from one depth in single precision to the next is one sample as long as it stays homogeneous.
+    /// A medium that rises from one depth in single precision to the next is one sample as long as it stays homogeneous.
     #[test]
     fn dense_media_need_no_sample_for_each_depth() {
         let mut values = vec![(0.0, [0.0; 4])];

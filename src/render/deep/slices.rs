@@ -35,15 +35,19 @@ impl DepthRay {
         self.origin + distance * self.slope
     }
 
-    /// Returns the slice of the ray, which was walked last, between two depths.
+    /// Returns the slice of the ray, which was walked last, between two depths; the first one, at `start`, begins
+    /// with the ray, whose origin a moving camera may put before it.
     fn slice<I: DeepIntegrator>(
         &self,
         integrator: &I,
         way: &mut I::Walked,
-        depths: [f64; 2],
+        (depths, start): ([f64; 2], f64),
         scratch: &mut I::Scratch,
     ) -> SliceOptics {
-        let part = depths.map(|z| ((z - self.origin) / self.slope).max(0.0));
+        let mut part = depths.map(|z| ((z - self.origin) / self.slope).max(0.0));
+        if depths[0] == start {
+            part[0] = 0.0;
+        }
         match part[1] > part[0] {
             true => integrator.slice((&self.ray, way), part, scratch).into(),
             false => SliceOptics::NOTHING,
@@ -51,7 +55,7 @@ impl DepthRay {
     }
 }
 
-/// What a pixel shows up to a depth.
+/// A depth, and color and opacity of a pixel before it.
 pub(super) type Knot = (f64, DVec4);
 
 /// A slice as it is seen.
@@ -97,7 +101,7 @@ pub(super) struct Slices {
     /// For each slice, true if it is not to be cut.
     whole: Vec<bool>,
     knots: Vec<Knot>,
-    /// What each ray shows up to a depth.
+    /// Color and transmittance of each ray before a depth.
     before: Vec<SliceOptics>,
     next: Cut,
 }
@@ -127,7 +131,7 @@ impl Slices {
         self.seen.clear();
         for ray in &self.rays {
             let mut way = integrator.walk(&ray.ray, scratch);
-            self.seen.push(ray.slice(integrator, &mut way, range, scratch));
+            self.seen.push(ray.slice(integrator, &mut way, (range, range[0]), scratch));
         }
         self.sum_up();
         let shown = self.knots.last().map_or(DVec4::ZERO, |knot| knot.1);
@@ -206,7 +210,7 @@ impl Slices {
                 if self.seen[of * count + number] != SliceOptics::NOTHING {
                     let way = way.get_or_insert_with(|| integrator.walk(&ray.ray, scratch));
                     let depths = [places[part], places[part + 1]];
-                    seen[part * count + number] = ray.slice(integrator, way, depths, scratch);
+                    seen[part * count + number] = ray.slice(integrator, way, (depths, places[0]), scratch);
                 }
             }
         }

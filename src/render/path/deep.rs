@@ -8,7 +8,7 @@ use crate::render::integrator::Integrator;
 use crate::render::sampler::Sampler;
 use glam::Vec3;
 
-/// What is known of a camera's ray that was walked.
+/// A camera's ray that was walked, and the last optical depth that was asked for.
 #[derive(Debug)]
 pub struct WalkedRay {
     walked: Option<TracedRay>,
