@@ -29,10 +29,12 @@ pub enum Effect {
     TransferFunction,
     /// Several volumes, which may overlap.
     Overlap,
+    /// Meshes that reflect and emit light, and stop it.
+    Surfaces,
 }
 
 /// Names without a number.
-const NAMES: [(&str, Effect); 9] = [
+const NAMES: [(&str, Effect); 10] = [
     ("emission", Effect::Emission),
     ("scattering", Effect::Scattering),
     ("multiple-scattering", Effect::MultipleScattering),
@@ -42,6 +44,7 @@ const NAMES: [(&str, Effect); 9] = [
     ("chromatic-extinction", Effect::ChromaticExtinction),
     ("transfer-function", Effect::TransferFunction),
     ("overlap", Effect::Overlap),
+    ("surfaces", Effect::Surfaces),
 ];
 
 /// Name of a light before its number.
@@ -84,7 +87,8 @@ impl FromStr for Effect {
                 | Self::GradientShading
                 | Self::ChromaticExtinction
                 | Self::TransferFunction
-                | Self::Overlap,
+                | Self::Overlap
+                | Self::Surfaces,
             ) => Err(format!("{text} is never left out where a scene calls for it")),
             Some(effect) => Ok(effect),
             None => Err("emission, scattering, multiple-scattering, environment or light-N is expected".into()),
@@ -102,7 +106,7 @@ mod tests {
         for effect in [Effect::Emission, Effect::MultipleScattering, Effect::Environment, Effect::Light(12)] {
             assert_eq!(effect.to_string().parse(), Ok(effect));
         }
-        for bad in ["", "light-", "light-x", "light--1", "sun", "overlap"] {
+        for bad in ["", "light-", "light-x", "light--1", "sun", "overlap", "surfaces"] {
             assert!(bad.parse::<Effect>().is_err(), "{bad}");
         }
     }

@@ -118,7 +118,8 @@ impl<'p> Planner<'p> {
             within,
             by_measurement: false,
             pilot: None,
-            pilot_of: pilot_of.filter(|(cameras, _)| !cameras.is_empty()),
+            // What surfaces reflect into media is told by no bound, and by no pilot.
+            pilot_of: pilot_of.filter(|(cameras, _)| !cameras.is_empty() && scene.meshes.is_none()),
             media: of_media,
             emission: of_media
                 .emission(fields().map(|(field, medium)| (medium, f64::from(field.range().1))))
@@ -171,7 +172,13 @@ impl<'p> Planner<'p> {
     /// Returns the bound of light of all sources that was scattered `orders` times or more.
     fn orders_from(&self, orders: u32) -> DVec3 {
         let sources = self.lights.iter().chain([&self.environment, &self.emission]);
-        sources.map(|source| self.media.orders_from(*source, orders)).sum()
+        sources.map(|source| self.scattered_from(*source, orders)).sum()
+    }
+
+    /// Returns the bound of light of a source that was scattered `orders` times or more: of what surfaces scatter,
+    /// there is none.
+    fn scattered_from(&self, source: Bound, orders: u32) -> DVec3 {
+        if self.scene.meshes.is_some() { DVec3::INFINITY } else { self.media.orders_from(source, orders) }
     }
 
     fn forced(&self, effect: Effect) -> bool {
@@ -265,7 +272,9 @@ impl<'p> Planner<'p> {
         let effect = Effect::Scattering;
         let scattered = self.orders_from(1);
         let mut found = None;
-        let (state, reason) = if !media(self.scene).any(Medium::scatters) {
+        let (state, reason) = if self.scene.meshes.is_some() {
+            (State::On, "surfaces scatter light".into())
+        } else if !media(self.scene).any(Medium::scatters) {
             (State::Off, "no medium has an albedo".into())
         } else if self.measured.optical_depth.bound == 0.0 {
             (State::Off, "media are empty".into())
@@ -301,18 +310,19 @@ impl<'p> Planner<'p> {
             self.push(effect, State::Off, "no medium has a source", (Some(0.0), None));
             return Ok(());
         }
-        let (left, found) = self.leave_out(effect, emitted, Part::Emitted)?;
+        let bound = if self.scene.meshes.is_some() { DVec3::INFINITY } else { emitted };
+        let (left, found) = self.leave_out(effect, bound, Part::Emitted)?;
         if left != Left::In {
             self.emission = DARK;
         }
         let reason = if left == Left::In { "media have a source" } else { "all of it is below the limit" };
-        self.push(effect, left.state(), reason, (finite(emitted), found));
+        self.push(effect, left.state(), reason, (finite(bound), found));
         Ok(())
     }
 
     /// Decides on lights, the faintest first.
     fn lights(&mut self, scattering: bool) -> Result<()> {
-        let sums: Vec<DVec3> = self.lights.iter().map(|light| self.media.orders_from(*light, 1)).collect();
+        let sums: Vec<DVec3> = self.lights.iter().map(|light| self.scattered_from(*light, 1)).collect();
         let mut order: Vec<usize> = (0..sums.len()).collect();
         order.sort_by(|a, b| sums[*a].max_element().total_cmp(&sums[*b].max_element()));
         let mut decided = vec![(State::On, "", None); sums.len()];
@@ -347,7 +357,7 @@ impl<'p> Planner<'p> {
         let is = if map.is_some() { "a picture" } else { "a constant" };
         // What cameras would see of a picture cannot be told by a background.
         let seen = self.background.or(map.is_none().then_some(*radiance));
-        let around = self.media.orders_from(self.environment, 1);
+        let around = self.scattered_from(self.environment, 1);
         let mut found = None;
         let (state, reason) = if self.scene.environment == Environment::default() {
             (State::Off, "it is black".into())
@@ -440,6 +450,10 @@ impl<'p> Planner<'p> {
         let phase = if !scattering { "nothing is scattered" } else { "all directions alike" };
         let several = self.scene.volumes.len() > 1;
         let volumes = format!("{} volume{}", self.scene.volumes.len(), if several { "s" } else { "" });
+        let meshes = match &self.scene.meshes {
+            Some(meshes) => format!("{} triangles", meshes.count()),
+            None => "there are no meshes".into(),
+        };
         let extinction = if self.measured.chromatic { "differs between channels" } else { "one for all channels" };
         let kinds = [
             (Effect::ChromaticExtinction, self.measured.chromatic, extinction.to_owned()),
@@ -447,6 +461,7 @@ impl<'p> Planner<'p> {
             (Effect::GradientShading, shaded.is_some(), surfaces),
             (Effect::TransferFunction, self.measured.monotonic.is_some(), function.to_owned()),
             (Effect::Overlap, several, volumes),
+            (Effect::Surfaces, self.scene.meshes.is_some(), meshes),
         ];
         for (effect, on, reason) in kinds {
             self.push(effect, if on { State::On } else { State::Off }, reason, ((!on).then_some(0.0), None));

@@ -17,6 +17,8 @@ pub struct Sample {
     pub transmittance: f32,
     /// First collision along the ray.
     pub first: Option<First>,
+    /// Surface that the ray meets, as far as it is seen through the media.
+    pub surface: Option<First>,
 }
 
 impl Sample {
@@ -51,19 +53,29 @@ pub(crate) fn mean(color: Vec3) -> f32 {
     if color.x == color.y && color.y == color.z { color.x } else { color.element_sum() / 3.0 }
 }
 
-/// First collision of a path.
+/// What a path meets first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct First {
     /// World length from the ray's origin.
     pub distance: f64,
     /// Position in world space.
     pub position: DVec3,
-    /// Share of the extinction that is scattered, by channel.
+    /// Share of the light that is scattered, by channel.
     pub albedo: Vec3,
-    /// Number of the volume.
-    pub volume: usize,
-    /// Weight of the collision: the opacity of the camera's ray, or an estimate of it.
+    /// What it is.
+    pub met: Met,
+    /// Weight of the collision, the opacity of the camera's ray, or of the surface, the transmittance to it; or an
+    /// estimate of it.
     pub share: f32,
+}
+
+/// What a path meets.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Met {
+    /// A volume, by its number.
+    Volume(usize),
+    /// A surface with this unit normal on the side of the ray.
+    Surface(DVec3),
 }
 
 /// Number of events while paths were traced.
@@ -120,7 +132,8 @@ pub trait Integrator: Sync {
     /// Returns the optical depth of the ray that was walked last, the mean of the channels.
     fn optical_depth(&self, ray: &Ray, primary: &Self::Primary, scratch: &mut Self::Scratch) -> f64;
 
-    /// Returns the unit vector in which the density falls at a collision; 0 where it is constant.
+    /// Returns the normal of a surface, or the unit vector in which the density falls at a collision; 0 where it is
+    /// constant.
     fn normal(&self, first: &First) -> DVec3;
 
     /// Returns the number of events since the last call.

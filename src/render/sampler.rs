@@ -54,6 +54,19 @@ impl Sampler {
         sobol_burley::sample_4d(self.index, self.sets - 1, self.scramble).map(f64::from)
     }
 
+    /// Returns the numbers of a second path of the same sample, independent of those of this one from here on.
+    pub(crate) fn second(&mut self) -> Self {
+        let golden = 0x9E37_79B9_7F4A_7C15_u64;
+        let key = mixed(u64::from(self.scramble).wrapping_add(golden));
+        let own = u64::from(self.independent.next_u32()) << 32 | u64::from(self.independent.next_u32());
+        Self {
+            independent: Pcg32::new(mixed(own), mixed(own ^ golden)),
+            index: self.index,
+            scramble: (key >> 32) as u32,
+            sets: self.sets,
+        }
+    }
+
     /// Returns an independent number in (0, 1).
     #[inline(always)]
     pub fn uniform(&mut self) -> f64 {

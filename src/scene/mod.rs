@@ -23,6 +23,7 @@ pub mod holdout;
 pub mod lens;
 pub mod light;
 pub mod medium;
+pub mod meshes;
 pub mod neighbours;
 pub mod orbit;
 mod outline;

@@ -5,10 +5,12 @@ use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
+use crate::scene::meshes::Meshes;
 use crate::scene::velocity::Velocity;
 use crate::scene::volume::{Grids, Volume};
+use std::sync::Arc;
 
-/// Volumes, the light around them, and cameras.
+/// Volumes and surfaces, the light around them, and cameras.
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
     /// Volumes, each with its medium.
@@ -17,6 +19,8 @@ pub struct Scene {
     pub environment: Environment,
     /// Further lights.
     pub lights: Vec<Light>,
+    /// Surfaces beside the volumes, if there are any.
+    pub meshes: Option<Arc<Meshes>>,
     /// Velocities of volumes, by the volume's number.
     pub velocities: Vec<(usize, Velocity)>,
     /// Cameras, one for each picture.
@@ -33,6 +37,7 @@ impl Scene {
             volumes: vec![grids.shown_by(capture)?],
             environment: Environment::constant(capture.background),
             lights: Vec::new(),
+            meshes: None,
             velocities: Vec::new(),
             cameras: capture.frames.iter().map(|frame| frame.camera).collect(),
         })

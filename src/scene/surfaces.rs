@@ -71,6 +71,39 @@ impl Surfaces {
 
     /// Returns the parameter at which a ray meets the nearest triangle, before its far end; `None` if it meets none.
     pub fn nearest(&self, ray: &Ray) -> Option<f64> {
+        self.hit(ray).map(|hit| hit.distance)
+    }
+
+    /// Returns where a ray meets the nearest triangle, before its far end; `None` if it meets none.
+    pub fn hit(&self, ray: &Ray) -> Option<Hit> {
+        let (tree_ray, single) = self.in_tree(ray)?;
+        let mut nearest: Option<Hit> = None;
+        self.tree.ray_traverse(tree_ray, &mut RayHit::none(), |_, number| {
+            match intersection(ray, &self.triangles[number]) {
+                Some(distance) => {
+                    let nearer = nearest.is_none_or(|hit| distance < hit.distance) && distance <= ray.far;
+                    if nearer {
+                        nearest = Some(Hit { distance, triangle: number });
+                    }
+                    // What is nearer by less than single precision resolves is looked at, too.
+                    single(distance) + 10.0 * SLACK
+                }
+                None => f32::INFINITY,
+            }
+        });
+        nearest
+    }
+
+    /// True if a ray meets a triangle before its far end.
+    pub fn block(&self, ray: &Ray) -> bool {
+        let Some((tree_ray, _)) = self.in_tree(ray) else { return false };
+        let meets = |number| intersection(ray, &self.triangles[number]).is_some_and(|distance| distance <= ray.far);
+        !self.tree.ray_traverse_miss(tree_ray, |_, number| if meets(number) { 0.0 } else { f32::INFINITY })
+    }
+
+    /// Returns a ray in the tree's coordinates, and what turns its parameters into lengths there; `None` if it misses
+    /// the bounds.
+    fn in_tree(&self, ray: &Ray) -> Option<(TreeRay, impl Fn(f64) -> f32)> {
         let slack = DVec3::splat(f64::from(SLACK) * self.unit);
         let around = Aabb { min: self.bounds.min - slack, max: self.bounds.max + slack };
         let (enter, leave) = around.clip(ray)?;
@@ -81,22 +114,39 @@ impl Surfaces {
         let origin = ((ray.at(enter) - self.bounds.centre()) / self.unit).as_vec3();
         let speed = ray.direction.length() / self.unit;
         let direction = (ray.direction / (speed * self.unit)).as_vec3();
-        let single = |t: f64| ((t - enter) * speed) as f32;
-        let mut nearest = f64::INFINITY;
+        let single = move |t: f64| ((t - enter) * speed) as f32;
         let most = single(leave.min(ray.far)) + 10.0 * SLACK;
-        let tree_ray = TreeRay::new(origin.into(), direction.into(), 0.0, most);
-        self.tree.ray_traverse(tree_ray, &mut RayHit::none(), |_, number| {
-            match intersection(ray, &self.triangles[number]) {
-                Some(t) => {
-                    nearest = nearest.min(t);
-                    // What is nearer by less than single precision resolves is looked at, too.
-                    single(t) + 10.0 * SLACK
-                }
-                None => f32::INFINITY,
-            }
-        });
-        (nearest <= ray.far && nearest.is_finite()).then_some(nearest)
+        Some((TreeRay::new(origin.into(), direction.into(), 0.0, most), single))
     }
+
+    /// Returns a corner of a triangle and the edges from it.
+    pub(super) fn triangle(&self, number: usize) -> &[DVec3; 3] {
+        &self.triangles[number]
+    }
+
+    /// Returns the numbers that triangles had when the surfaces were made.
+    pub(super) fn numbers(&self) -> &[u32] {
+        &self.tree.primitive_indices
+    }
+
+    /// Returns the length that rays which leave a surface, which was met at a distance, begin before it, so that they
+    /// do not meet it again.
+    pub(super) fn margin(&self, distance: f64) -> f64 {
+        let largest = self.bounds.min.abs().max(self.bounds.max.abs()).max_element();
+        MARGIN * (largest + distance)
+    }
+}
+
+/// Share of coordinates and distances by which rounding moves the points at which surfaces are met, at most.
+const MARGIN: f64 = 1e-10;
+
+/// A triangle that a ray meets.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// Parameter of the ray.
+    pub distance: f64,
+    /// Number of the triangle in the order of the tree.
+    pub(super) triangle: usize,
 }
 
 /// Returns where a ray meets a triangle, which is given by a corner and the edges from it (Möller & Trumbore 1997).

@@ -25,6 +25,7 @@ mod gradients;
 #[cfg(all(target_arch = "x86_64", target_env = "gnu"))]
 mod hashes;
 mod loss;
+mod meshes;
 mod near_lights;
 mod optimise;
 mod own_units;

@@ -67,8 +67,51 @@ class Rectangle:
 
 
 @dataclasses.dataclass(frozen=True)
+class Mesh:
+    """A mesh of polygons, counterclockwise as seen from outside; `inside` if it stands within the cube of the volume."""
+
+    vertices: tuple
+    faces: tuple
+    albedo: tuple = (0.8, 0.8, 0.8)
+    emission: tuple = (0.0, 0.0, 0.0)
+    inside: bool = False
+
+    def write(self, path):
+        """Writes the mesh as PLY, of triangles."""
+        coordinates = [" ".join(map(repr, vertex)) for vertex in self.vertices]
+        # Mitsuba reads triangles alone.
+        triangles = [(face[0], *pair) for face in self.faces for pair in zip(face[1:], face[2:])]
+        polygons = [" ".join(map(str, (3, *face))) for face in triangles]
+        head = ["ply", "format ascii 1.0", f"element vertex {len(self.vertices)}",
+                *(f"property float {axis}" for axis in "xyz"), f"element face {len(triangles)}",
+                "property list uchar int vertex_indices", "end_header"]  # fmt: skip
+        path.write_text("\n".join([*head, *coordinates, *polygons, ""]))
+        return path
+
+
+def quad(corner, first, second, **material):
+    """A parallelogram; its front is on the side of the first edge x the second."""
+    a, u, v = (np.array(vector, dtype=float) for vector in (corner, first, second))
+    return Mesh(tuple(map(tuple, np.stack([a, a + u, a + u + v, a + v]).tolist())), ((0, 1, 2, 3),), **material)
+
+
+def ball(centre, radius, rows=8, **material):
+    """A sphere of triangles and quads."""
+    polar, turn = np.pi * np.arange(1, rows) / rows, np.pi * np.arange(2 * rows) / rows
+    ring = np.stack([np.outer(np.sin(polar), np.cos(turn)), np.outer(np.sin(polar), np.sin(turn)),
+                     np.outer(np.cos(polar), np.ones_like(turn))], axis=-1)  # fmt: skip
+    vertices = np.array(centre) + radius * np.concatenate([ring.reshape(-1, 3), [[0, 0, 1]], [[0, 0, -1]]])
+    n, top = 2 * rows, len(vertices) - 2
+    after = [(j + 1) % n for j in range(n)]
+    sides = [(i * n + j, (i + 1) * n + j, (i + 1) * n + after[j], i * n + after[j]) for i in range(rows - 2) for j in range(n)]
+    last = (rows - 2) * n
+    caps = [(top, j, after[j]) for j in range(n)] + [(top + 1, last + after[j], last + j) for j in range(n)]
+    return Mesh(tuple(map(tuple, vertices.tolist())), tuple(sides + caps), **material)
+
+
+@dataclasses.dataclass(frozen=True)
 class Scene:
-    """A volume in a cube, lights, and a view.
+    """A volume in a cube, meshes, lights, and a view.
 
     `fields` names densities that lie over each other. `place` takes the unit cube to the world, a tuple of rows. `sky` is
     a radiance from all around, or "picture" for the picture of a sky.
@@ -81,6 +124,7 @@ class Scene:
     emission: tuple | None = None
     bounces: int | None = None
     lights: tuple = ()
+    meshes: tuple = ()
     sky: tuple | str = (0.0, 0.0, 0.0)
     place: tuple = tuple(map(tuple, np.eye(4).tolist()))
     view: View = View()
@@ -129,6 +173,14 @@ INSIDE = View(eye=(0.52, 0.5, 0.45), target=(0.2, 0.9, 0.3), angle=60.0, inside=
 DENSE = 100.0 / float(fields.optical_depth("core", np.array([-1.0, 0.5, 0.5]), np.array([1.0, 0.0, 0.0]), 512))
 CORE = View(angle=12.0, size=16)
 
+# A floor, a red wall behind the volume and a green one beside it, within which light goes back and forth.
+FLOOR = quad((-1.0, -1.0, -0.02), (4.0, 0.0, 0.0), (0.0, 4.0, 0.0), albedo=(0.7, 0.6, 0.5))
+RED = quad((-1.0, 1.1, -0.02), (4.0, 0.0, 0.0), (0.0, 0.0, 3.0), albedo=(0.8, 0.1, 0.1))
+GREEN = quad((1.2, -1.0, -0.02), (0.0, 4.0, 0.0), (0.0, 0.0, 3.0), albedo=(0.1, 0.7, 0.2))
+BALL = ball((0.5, 0.55, 0.5), 0.2, albedo=(0.3, 0.6, 0.9), inside=True)
+LAMP = ball((-0.3, 0.6, 0.8), 0.15, albedo=(0.2, 0.2, 0.2), emission=(9.0, 6.0, 3.0))
+ROOM = View(angle=40.0)
+
 SCENES = {
     "absorption": Scene(albedo=0.0, sky=(1.0, 0.8, 0.6), paths=(128, 64)),
     "emission and absorption": Scene(albedo=0.0, emission=(0.2, 0.9, 2.0), sky=(1.0, 0.3, 0.1), paths=(128, 64)),
@@ -157,6 +209,16 @@ SCENES = {
     "affine": Scene(place=AFFINE, view=View(angle=20.0), **DAY),
     "terrace": Scene(("terrace",), 8.0, **DAY),
     "inside": Scene(view=INSIDE, **DAY),
+    "floor and walls": Scene(meshes=(FLOOR, RED, GREEN), view=ROOM, **DAY),
+    "floor and walls, two scatterings": Scene(meshes=(FLOOR, RED, GREEN), bounces=2, view=ROOM, **DAY),
+    "floor without a volume": Scene(density_scale=1e-9, meshes=(FLOOR, RED), view=ROOM, **DAY),
+    "ball in the volume": Scene(meshes=(BALL,), g=0.4, **DAY),
+    "black ball in the volume": Scene(meshes=(dataclasses.replace(BALL, albedo=(0.0, 0.0, 0.0)),), **DAY),
+    "ball in a dense core": Scene(("core",), 0.1 * DENSE, meshes=(BALL,), **DAY),
+    "lamp on a floor": Scene(meshes=(FLOOR, LAMP), view=ROOM, paths=(256, 64)),
+    "lamp and ball, overlapping": Scene(("lump", "ball"), 3.0, meshes=(BALL, FLOOR, LAMP), view=ROOM, **DAY),
+    "point above a floor": Scene(meshes=(FLOOR, GREEN), lights=(Point(),), g=-0.3, view=ROOM),
+    "picture of a sky above a floor": Scene(meshes=(FLOOR,), sky="picture", view=ROOM),
     "tiny": Scene(lights=(Ball(),), paths=(128, 64)).scaled(1e-3),
     "huge": Scene(lights=(Rectangle(),), paths=(128, 64)).scaled(1e4),
 }

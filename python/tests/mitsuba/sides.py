@@ -5,6 +5,7 @@ import json
 import os
 import pathlib
 import subprocess
+import tempfile
 import zlib
 
 import drjit as dr
@@ -81,6 +82,17 @@ def peer_medium(scene):
             "albedo": {"type": "constvolume", "value": rgb(scene.colour)}, "phase": {"type": "hg", "g": scene.g}}  # fmt: skip
 
 
+def peer_mesh(mesh, path):
+    """A mesh of Mitsuba's; its faces reflect on both sides and emit on the front."""
+    shape = {"type": "ply", "filename": str(mesh.write(path)), "face_normals": True,
+             "bsdf": {"type": "twosided", "material": {"type": "diffuse", "reflectance": rgb(mesh.albedo)}}}  # fmt: skip
+    if any(mesh.emission):
+        shape["emitter"] = {"type": "area", "radiance": rgb(mesh.emission)}
+    if mesh.inside:
+        shape["exterior"] = shape["interior"] = {"type": "ref", "id": "medium"}
+    return shape
+
+
 def peer_sensor(view):
     """The camera of Mitsuba's; from inside, its rays begin in the medium."""
     sensor = {
@@ -107,15 +119,18 @@ def by_mitsuba(scene):
     # the random numbers those of any number of threads.
     depth = -1 if scene.bounces is None else scene.bounces + 1
     integrator = {"type": "volpath", "max_depth": depth, "rr_depth": 2**30, "block_size": 8}
-    loaded = mi.load_dict({
-        "type": "scene",
-        "integrator": integrator,
-        "medium": peer_medium(scene),
-        "sensor": peer_sensor(scene.view),
-        "cube": {"type": "cube", "to_world": transform(cube), "bsdf": {"type": "null"},
-                 "interior": {"type": "ref", "id": "medium"}},
-        "sky": peer_sky(scene.sky),
-    } | {f"light{number}": peer_light(light) for number, light in enumerate(scene.lights)})  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        meshes = {f"mesh{number}": peer_mesh(mesh, pathlib.Path(folder) / f"{number}.ply")
+                  for number, mesh in enumerate(scene.meshes)}  # fmt: skip
+        loaded = mi.load_dict(meshes | {
+            "type": "scene",
+            "integrator": integrator,
+            "medium": peer_medium(scene),
+            "sensor": peer_sensor(scene.view),
+            "cube": {"type": "cube", "to_world": transform(cube), "bsdf": {"type": "null"},
+                     "interior": {"type": "ref", "id": "medium"}},
+            "sky": peer_sky(scene.sky),
+        } | {f"light{number}": peer_light(light) for number, light in enumerate(scene.lights)})  # fmt: skip
     # Seeds of each scene's own: by common ones a chance deviation of camera rays would show in every scene.
     first = zlib.crc32(repr(scene).encode()) % 2**24
     pictures = [mi.render(loaded, seed=first + batch, spp=scene.paths[0]) for batch in range(BATCHES)]
@@ -165,7 +180,10 @@ class Cumulo:
             sky = {"type": "DomeLight", "texture": str(picture)}
         volumes = [{"file": str(self.vdb(name, scene.place)), "medium": medium} for name in scene.fields]
         path = self.folder / f"scene{self.count}.json"
-        path.write_text(json.dumps({"volumes": volumes, "lights": [sky, *map(our_light, scene.lights)]}))
+        meshes = [{"file": str(mesh.write(self.folder / f"mesh{self.count}.{number}.ply")), "albedo": mesh.albedo,
+                   "emission": mesh.emission} for number, mesh in enumerate(scene.meshes)]  # fmt: skip
+        lights = [sky, *map(our_light, scene.lights)]
+        path.write_text(json.dumps({"volumes": volumes, "lights": lights, "meshes": meshes}))
         return path
 
     def cameras(self, view):

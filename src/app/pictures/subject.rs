@@ -14,11 +14,13 @@ use crate::scene::capture::{Capture, EmissionModel, Model};
 use crate::scene::emission::{self, Emission, Emitted};
 use crate::scene::grid::Grid;
 use crate::scene::medium::{Medium, Source};
+use crate::scene::meshes::Meshes;
 use crate::scene::scene::Scene;
 use crate::scene::transfer::Transfer;
 use crate::scene::volume::{Grids, Volume, outline_through};
 use glam::{DMat4, DVec3};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Subject of the pictures.
 #[allow(clippy::large_enum_variant, reason = "there is one at a time")]
@@ -128,7 +130,7 @@ impl PictureSettings {
                     scene_file::load_within(&self.input, self.frame, limits)?
                 }
             };
-            let LoadedScene { volumes, lights, environment, files, moving, remarks } = loaded;
+            let LoadedScene { volumes, lights, environment, meshes, files, moving, remarks } = loaded;
             provenance.files([&self.input].into_iter().chain(&files).map(PathBuf::as_path))?;
             let mut velocities = Vec::new();
             let volume = |(number, read): (usize, SceneVolume)| {
@@ -142,7 +144,9 @@ impl PictureSettings {
                 emissive(&read.grid, field, medium, read.emissions, limits).map_err(|e| e.at(&read.path))
             };
             let volumes = volumes.into_iter().enumerate().map(volume).collect::<Result<_>>()?;
-            let scene = Scene { volumes, lights, environment, velocities, cameras: Vec::new() };
+            let meshes = (!meshes.is_empty()).then(|| Meshes::new(&meshes).map(Arc::new)).transpose();
+            let meshes = meshes.map_err(|e| e.at(&self.input))?;
+            let scene = Scene { volumes, lights, environment, meshes, velocities, cameras: Vec::new() };
             return Ok((Subject::Scene { scene, moving, remarks }, None));
         }
         let (grids, function) = self.grids(template, limits)?;

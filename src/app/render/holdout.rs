@@ -9,7 +9,7 @@ use crate::formats::limits::Limits;
 use crate::formats::mesh::MeshFormat;
 use crate::formats::registry;
 use crate::scene::holdout::{DepthMap, DepthMeasure, Holdout};
-use crate::scene::surfaces::{Surfaces, TRIANGLE_BYTES};
+use crate::scene::surfaces::Surfaces;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -99,24 +99,7 @@ impl LastMesh {
         if let Some((_, surfaces)) = last.as_ref().filter(|(known, _)| known == path) {
             return Ok(Arc::clone(surfaces));
         }
-        let mesh = format.read(path, limits)?;
-        let concave = mesh.not_convex();
-        if concave > 0 {
-            return Err(Error::unsupported(format!(
-                "{concave} polygons are not convex: their triangles are not known"
-            ))
-            .at(path)
-            .hint("triangulate the mesh where it is exported"));
-        }
-        let count = mesh.triangles().count() as u64;
-        if count.saturating_mul(TRIANGLE_BYTES) > limits.max_memory {
-            return Err(Error::unsupported(format!("{count} triangles do not fit in memory"))
-                .coded(Code::MemoryLimit)
-                .at(path)
-                .hint("simplify the mesh, or raise ⟨max_memory⟩"));
-        }
-        let at = |corner: u32| mesh.vertices[corner as usize];
-        let triangles: Vec<_> = mesh.triangles().map(|corners| corners.map(at)).collect();
+        let triangles = format.triangles(path, limits)?;
         let surfaces = Arc::new(Surfaces::new(&triangles).map_err(|e| e.at(path))?);
         *last = Some((path.to_path_buf(), Arc::clone(&surfaces)));
         Ok(surfaces)

@@ -5,9 +5,10 @@ pub(crate) mod obj;
 pub(crate) mod ply;
 pub(crate) mod topology;
 
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
+use crate::scene::surfaces::TRIANGLE_BYTES;
 use glam::DVec3;
 use std::path::Path;
 
@@ -27,6 +28,31 @@ impl Mesh {
     pub fn polygons(&self) -> impl Iterator<Item = &[u32]> + '_ {
         let starts = std::iter::once(0).chain(self.ends.iter().copied());
         starts.zip(&self.ends).map(|(from, to)| &self.corners[from as usize..*to as usize])
+    }
+}
+
+impl Mesh {
+    /// Returns the corners of triangles that fill the polygons, for rays to meet.
+    ///
+    /// # Errors
+    /// If a polygon is not convex, so that its triangles are not known, or a tree of the triangles does not fit into
+    /// the limits.
+    pub(crate) fn surface(&self, limits: Limits) -> Result<Vec<[DVec3; 3]>> {
+        let concave = self.not_convex();
+        if concave > 0 {
+            return Err(Error::unsupported(format!(
+                "{concave} polygons are not convex: their triangles are not known"
+            ))
+            .hint("triangulate the mesh where it is exported"));
+        }
+        let count = self.triangles().count() as u64;
+        if count.saturating_mul(TRIANGLE_BYTES) > limits.max_memory {
+            return Err(Error::unsupported(format!("{count} triangles do not fit in memory"))
+                .coded(Code::MemoryLimit)
+                .hint("simplify the mesh, or raise ⟨max_memory⟩"));
+        }
+        let at = |corner: u32| self.vertices[corner as usize];
+        Ok(self.triangles().map(|corners| corners.map(at)).collect())
     }
 }
 
@@ -50,6 +76,15 @@ impl MeshFormat {
         let mesh =
             (self.read)(path, limits).and_then(|mesh| if mesh.ends.is_empty() { Err(empty(&mesh)) } else { Ok(mesh) });
         mesh.map_err(|e| e.at(path))
+    }
+
+    /// Reads the triangles of a file of this format, corners in its coordinates, for rays to meet.
+    ///
+    /// # Errors
+    /// As [`Self::read`], or if a polygon is not convex, so that its triangles are not known, or a tree of the
+    /// triangles does not fit into the limits. The error names the file.
+    pub fn triangles(&self, path: &Path, limits: Limits) -> Result<Vec<[DVec3; 3]>> {
+        self.read(path, limits)?.surface(limits).map_err(|e| e.at(path))
     }
 
     /// Writes a file of this format.

@@ -1,21 +1,26 @@
 //! Reading of scene files. Every fault names the volume or light, and the key.
 
-use super::{LightEntry, MediumEntry, SceneFile, VelocityEntry, VolumeEntry};
-use crate::error::{Error, Result};
+use super::{LightEntry, MediumEntry, MeshEntry, SceneFile, VelocityEntry, VolumeEntry};
+use crate::error::{Code, Error, Result};
+use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::formats::sequence::Pattern;
 use crate::formats::transfer::{Function, Loaded};
 use crate::formats::vdb::{self, File};
-use crate::formats::{exr, input, transfer};
+use crate::formats::{exr, input, registry, transfer};
+use crate::math::Affine;
 use crate::scene::albedo::TransferColor;
 use crate::scene::emission::Emission;
 use crate::scene::environment::{Environment, EnvironmentMap};
 use crate::scene::grid::Grid;
 use crate::scene::light::Light;
 use crate::scene::medium::{Medium, Source};
+use crate::scene::meshes::Material;
+use crate::scene::surfaces::TRIANGLE_BYTES;
 use crate::scene::transfer::Transfer;
 use crate::scene::velocity::Velocity;
+use glam::{DMat4, DVec3};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -48,9 +53,11 @@ pub struct LoadedScene {
     pub lights: Vec<Light>,
     /// Light from all around.
     pub environment: Environment,
+    /// Triangles of the meshes in world space, with what they are made of.
+    pub meshes: Vec<(Vec<[DVec3; 3]>, Material)>,
     /// Files that were read beside the scene file.
     pub files: Vec<PathBuf>,
-    /// True if a volume is a sequence.
+    /// True if a volume or a mesh is a sequence.
     pub moving: bool,
     /// Remarks on statements that have no effect, and on what is assumed.
     pub remarks: Vec<String>,
@@ -81,7 +88,7 @@ pub fn read(path: &Path, limits: Limits) -> Result<SceneFile> {
 ///
 /// # Errors
 /// If a file cannot be read, a key is missing, unknown or cannot be used, or the values do not fit into `limits`. The
-/// error names the file, and the volume or light.
+/// error names the file, and the volume, mesh or light.
 pub(crate) fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<LoadedScene> {
     let _reading = Reading::begin(path);
     let part = |part: String| move |e: Error| e.part(part.clone()).at(path);
@@ -90,18 +97,8 @@ pub(crate) fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Re
     let mut scene = LoadedScene::default();
     let mut volume = |(i, entry): (usize, &VolumeEntry)| {
         // What lies in another file is blamed on that file.
-        let (mut vdb, named) = (folder.join(&entry.file), part(format!("volume {i}")));
-        if let Some(pattern) = Pattern::parse(&vdb) {
-            let Some(number) = frame else {
-                return Err(named(
-                    Error::invalid(format!("{} is a sequence, and no frame is chosen", entry.file.display()))
-                        .hint("choose frames with ⟨frames⟩, or for `cumulo plan` one with ⟨frame⟩"),
-                ));
-            };
-            vdb = pattern.path(number);
-            scene.moving = true;
-        }
-        scene.files.push(vdb.clone());
+        let named = part(format!("volume {i}"));
+        let vdb = scene.at_frame(&folder.join(&entry.file), frame).map_err(&named)?;
         scene.files.extend(entry.medium.transfer.as_ref().map(|tf| folder.join(tf)));
         let opened = File::open(&vdb, limits)?;
         let mut grid = opened.read_fog(entry.grid.as_deref())?;
@@ -128,6 +125,12 @@ pub(crate) fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Re
         Ok(SceneVolume { path: vdb, grid, transfer, medium, emissions, velocity })
     };
     scene.volumes = file.volumes.iter().enumerate().map(&mut volume).collect::<Result<Vec<_>>>()?;
+    for (i, entry) in file.meshes.iter().enumerate() {
+        scene.mesh(entry, (folder, frame), limits).map_err(|e| match e.path() {
+            Some(_) => e,
+            None => part(format!("mesh {i}"))(e),
+        })?;
+    }
     for (i, entry) in file.lights.iter().enumerate() {
         let named = part(format!("light {i}"));
         match entry {
@@ -142,6 +145,61 @@ pub(crate) fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Re
     let without = |what: &String| format!("left out where the scene was written: {what}");
     scene.remarks.extend(file.left_out.iter().map(without));
     Ok(scene)
+}
+
+impl LoadedScene {
+    /// Records a file that is read, and returns its path: of a sequence, that of a frame.
+    fn at_frame(&mut self, path: &Path, frame: Option<u32>) -> Result<PathBuf> {
+        let path = match Pattern::parse(path) {
+            Some(pattern) => {
+                let Some(number) = frame else {
+                    let name = path.file_name().unwrap_or_default().display();
+                    return Err(Error::invalid(format!("{name} is a sequence, and no frame is chosen"))
+                        .hint("choose frames with ⟨frames⟩, or for `cumulo plan` one with ⟨frame⟩"));
+                };
+                self.moving = true;
+                pattern.path(number)
+            }
+            None => path.to_path_buf(),
+        };
+        self.files.push(path.clone());
+        Ok(path)
+    }
+
+    /// Reads a mesh. An error names the file where it lies there.
+    fn mesh(&mut self, entry: &MeshEntry, (folder, frame): (&Path, Option<u32>), limits: Limits) -> Result<()> {
+        let material = entry.material()?;
+        let path = self.at_frame(&folder.join(&entry.file), frame)?;
+        let format = registry::by_name(&path).and_then(|format| match format.kind {
+            FileKind::Mesh(format) => Some(format),
+            _ => None,
+        });
+        let Some(format) = format else {
+            return Err(Error::unsupported(format!("{} is no mesh by its name", entry.file.display()))
+                .hint("give a PLY or OBJ file"));
+        };
+        let mut triangles = format.triangles(&path, limits)?;
+        if let Some(rows) = entry.transform {
+            let placement = Affine::new(DMat4::from_cols_array_2d(&rows).transpose())?;
+            triangles.iter_mut().flatten().for_each(|corner| *corner = placement.to_world(*corner));
+        }
+        self.push_mesh(triangles, material, limits).map_err(|e| e.at(&path))
+    }
+
+    /// Adds a mesh.
+    ///
+    /// # Errors
+    /// If all meshes together do not fit into the limits.
+    pub(crate) fn push_mesh(&mut self, triangles: Vec<[DVec3; 3]>, material: Material, limits: Limits) -> Result<()> {
+        self.meshes.push((triangles, material));
+        let count: u64 = self.meshes.iter().map(|(triangles, _)| triangles.len() as u64).sum();
+        if count.saturating_mul(TRIANGLE_BYTES) > limits.max_memory {
+            return Err(Error::unsupported(format!("{count} triangles of all meshes do not fit in memory"))
+                .coded(Code::MemoryLimit)
+                .hint("simplify the meshes, or raise ⟨max_memory⟩"));
+        }
+        Ok(())
+    }
 }
 
 /// Reads a grid that emits beside densities, on their lattice.

@@ -1,4 +1,4 @@
-//! Scenes as JSON: volumes with their media, and lights, for `cumulo render`. Cameras are given beside them.
+//! Scenes as JSON: volumes with their media, meshes and lights, for `cumulo render`. Cameras are given beside them.
 //!
 //! ```json
 //! {
@@ -9,7 +9,8 @@
 //!   ]
 //! }
 //! ```
-//! Types of lights are named as in UsdLux. Files are found from the folder of the scene.
+//! Meshes stand among the volumes: `"meshes": [{"file": "floor.ply", "albedo": [0.8, 0.8, 0.8]}]`. Types of lights are
+//! named as in UsdLux. Files are found from the folder of the scene.
 
 mod load;
 
@@ -23,6 +24,7 @@ use crate::scene::cone::Cone;
 use crate::scene::emission::Emission;
 use crate::scene::light::Light;
 use crate::scene::medium::{Scattering, Specular};
+use crate::scene::meshes::Material;
 use crate::scene::phase::Phase;
 use glam::{DMat4, DVec3, Vec3};
 use schemars::JsonSchema;
@@ -40,6 +42,9 @@ pub struct SceneFile {
     /// Lights.
     #[serde(default)]
     pub lights: Vec<LightEntry>,
+    /// Meshes that reflect and emit light, and stop it.
+    #[serde(default)]
+    pub meshes: Vec<MeshEntry>,
     /// Parts that the program which wrote the scene left out of it, in words.
     #[serde(default)]
     pub left_out: Vec<String>,
@@ -63,6 +68,27 @@ pub struct VolumeEntry {
     pub velocity: Option<VelocityEntry>,
 }
 
+/// A mesh of a scene file; both sides of its polygons are alike.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MeshEntry {
+    /// PLY or OBJ file of convex polygons, found from the folder of the scene, or a sequence such as `prop.####.ply`.
+    pub file: PathBuf,
+    /// Matrix from the space of the file to the world, row by row, for column vectors; without one that space is the
+    /// world.
+    pub transform: Option<[[f64; 4]; 4]>,
+    /// Share of the light that is reflected, evenly to all sides, in red, green and blue: 0 to 1.
+    #[serde(default = "light_grey")]
+    pub albedo: [f32; 3],
+    /// Radiance that leaves the surface by itself.
+    #[serde(default)]
+    pub emission: [f32; 3],
+    /// True of a mesh that the camera does not see: it hides what is behind it, and leaves a hole. It casts shadows and
+    /// reflects light as others do.
+    #[serde(default)]
+    pub holdout: bool,
+}
+
 /// A grid of velocities.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -75,15 +101,16 @@ pub struct VelocityEntry {
 }
 
 impl SceneFile {
-    /// Returns the paths that the scene names, from its folder: volumes or their sequences, transfer functions and
-    /// textures.
+    /// Returns the paths that the scene names, from its folder: volumes and meshes or their sequences, transfer functions
+    /// and textures.
     pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
         let volumes = self.volumes.iter().flat_map(|volume| [Some(&volume.file), volume.medium.transfer.as_ref()]);
         let textures = self.lights.iter().map(|light| match light {
             LightEntry::DomeLight { texture, .. } => texture.as_ref(),
             _ => None,
         });
-        volumes.chain(textures).flatten()
+        let meshes = self.meshes.iter().map(|mesh| Some(&mesh.file));
+        volumes.chain(meshes).chain(textures).flatten()
     }
 }
 
@@ -95,6 +122,21 @@ impl VolumeEntry {
     pub fn placement(&self) -> Result<Option<Affine>> {
         self.transform.map(|rows| Affine::new(DMat4::from_cols_array_2d(&rows).transpose())).transpose()
     }
+}
+
+impl MeshEntry {
+    /// Returns what the surface does with light.
+    ///
+    /// # Errors
+    /// If its numbers cannot be used.
+    pub fn material(&self) -> Result<Material> {
+        let Self { albedo, emission, holdout, .. } = *self;
+        Material { albedo: Vec3::from_array(albedo), emission: Vec3::from_array(emission), holdout }.checked()
+    }
+}
+
+fn light_grey() -> [f32; 3] {
+    Material::default().albedo.to_array()
 }
 
 fn film_rate() -> f64 {

@@ -5,6 +5,7 @@ use glam::DMat4;
 use openusd::ar::{DefaultResolver, ResolvedPath, Resolver};
 use openusd::sdf;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Returns the path of an asset from the layer that states it.
 pub(super) fn asset(authored: &str, layer: &Path) -> Asset {
@@ -70,6 +71,10 @@ fn list(array: sdf::Value, layer: &Path) -> Value {
         Value::List(items.into_iter().filter_map(|item| value(of(item), layer)).collect())
     }
     match array {
+        V::Vec3fVec(v) if v.len() > MOST_ELEMENTS => {
+            Value::Points(Arc::new(v.into_iter().map(|v| [v.x, v.y, v.z]).collect()))
+        }
+        V::IntVec(v) if v.len() > MOST_ELEMENTS => Value::Integers(Arc::new(v)),
         V::BoolVec(v) => each(v, V::Bool, layer),
         V::UcharVec(v) => each(v, V::Uchar, layer),
         V::IntVec(v) => each(v, V::Int, layer),

@@ -22,6 +22,19 @@ const MOST_PRIMS: usize = 1_000_000;
 const MOST_WORK: usize = 2_000_000;
 /// Greatest depth of prims.
 const MOST_DEPTH: usize = 256;
+/// Attributes of meshes that are kept beside their placement.
+const OF_MESHES: [&str; 8] = [
+    "points",
+    "faceVertexCounts",
+    "faceVertexIndices",
+    "subdivisionScheme",
+    "primvars:displayColor",
+    "cumulo:albedo",
+    "cumulo:emission",
+    "cumulo:holdout",
+];
+/// Attributes of subsets of faces that are kept.
+const OF_SUBSETS: [&str; 2] = ["indices", "elementType"];
 /// Types of prims of whose attributes only a few are kept: the others are large and say nothing of a volume.
 const GEOMETRY: [&str; 10] = [
     "Mesh",
@@ -201,7 +214,14 @@ impl Copier {
         let prim = self.stage.prim(path.clone());
         let type_name = prim.type_name()?.map(|name| name.as_str().to_owned()).unwrap_or_default();
         let all = !GEOMETRY.contains(&type_name.as_str());
-        let placed = |name: &str| name.starts_with("xformOp") || ["visibility", "purpose"].contains(&name);
+        let of_type: &[&str] = match type_name.as_str() {
+            "Mesh" => &OF_MESHES,
+            "GeomSubset" => &OF_SUBSETS,
+            _ => &[],
+        };
+        let kept = |name: &str| {
+            name.starts_with("xformOp") || ["visibility", "purpose"].contains(&name) || of_type.contains(&name)
+        };
         let mut read = Prim {
             path: path.as_str().to_owned(),
             type_name,
@@ -216,7 +236,7 @@ impl Copier {
         }
         for attribute in prim.attributes()? {
             let name = attribute.path().property_suffix().trim_start_matches('.').to_owned();
-            if all || placed(&name) {
+            if all || kept(&name) {
                 read.attributes.insert(name.clone(), Box::new(self.attribute(name, &attribute)?));
             }
         }

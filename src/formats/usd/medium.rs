@@ -116,7 +116,7 @@ fn stated(stage: &Stage, volume: &Prim, time: f64, told: bool) -> Result<StatedM
         return own(volume, time);
     }
     let mut remarks = Vec::new();
-    let shaders = shaders(stage, volume);
+    let shaders = bound_shaders(stage, volume, "volume");
     for shader in &shaders {
         match shaded(shader, time) {
             Some((entry, left_out)) => {
@@ -213,15 +213,15 @@ fn own_value<T>(
 }
 
 /// Returns the shaders of the material that is bound to a prim or to one above it, at the material's outputs for
-/// volumes.
-fn shaders<'s>(stage: &'s Stage, volume: &'s Prim) -> Vec<&'s Prim> {
+/// `volume` or `surface`.
+pub(super) fn bound_shaders<'s>(stage: &'s Stage, prim: &'s Prim, output: &str) -> Vec<&'s Prim> {
     // What is bound for full renders anywhere above goes before what is bound for all purposes, as in UsdShade.
     let bound = ["material:binding:full", "material:binding", "material:binding:preview"];
-    let nearest = |name: &&str| stage.upwards(volume).find_map(|prim| prim.targets(name).first());
+    let nearest = |name: &&str| stage.upwards(prim).find_map(|prim| prim.targets(name).first());
     let Some(material) = bound.iter().find_map(nearest).and_then(|path| stage.prim(path)) else {
         return Vec::new();
     };
-    let outputs = material.attributes.values().filter(|a| a.name.starts_with("outputs:") && a.name.ends_with("volume"));
+    let outputs = material.attributes.values().filter(|a| a.name.starts_with("outputs:") && a.name.ends_with(output));
     let sources = outputs.flat_map(|output| &output.connections);
     sources.filter_map(|source| stage.prim(source.rsplit_once('.').map_or(source, |(prim, _)| prim))).collect()
 }

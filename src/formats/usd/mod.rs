@@ -27,6 +27,7 @@ mod inherits;
 mod light;
 pub(crate) mod lint;
 mod medium;
+mod mesh;
 mod metadata;
 mod prim;
 mod problems;

@@ -13,8 +13,8 @@ pub struct Prim {
     pub type_name: String,
     /// Names of applied API schemas, such as `ShapingAPI`.
     pub schemas: Vec<String>,
-    /// Attributes by their names. Of meshes, curves and points only the transform and visibility are kept. They are
-    /// boxed, as a tree has room for eleven values where there is one.
+    /// Attributes by their names. Of curves and points only the transform and visibility are kept, of meshes the
+    /// polygons, too. They are boxed, as a tree has room for eleven values where there is one.
     pub attributes: BTreeMap<String, Box<Attribute>>,
     /// Targets of relationships, as absolute paths, by the relationships' names.
     pub relationships: BTreeMap<String, Vec<String>>,

@@ -3,6 +3,7 @@
 use super::fault::Fault;
 use super::light;
 use super::medium::{self, Overrides, StatedMedium};
+use super::mesh;
 use super::prim::Prim;
 use super::stage::Stage;
 use super::value::Asset;
@@ -55,7 +56,8 @@ pub fn load(stage: &Stage, time: f64, limits: Limits, overrides: &Overrides) -> 
     let light::Lights { lights, environment, files, remarks } = light::lights(stage, time, limits)?;
     scene.files.extend(files);
     scene.remarks.extend(remarks);
-    scene.remarks.extend(surfaces(stage, time));
+    mesh::meshes(stage, time, limits, &mut scene)?;
+    scene.remarks.extend(other_surfaces(stage, time));
     scene.lights = lights;
     scene.environment = environment;
     scene.moving = moves(stage);
@@ -73,10 +75,9 @@ fn blender(stage: &Stage) -> Option<String> {
     ))
 }
 
-/// Tells how many surfaces there are, which no picture shows.
-pub(super) fn surfaces(stage: &Stage, time: f64) -> Option<String> {
-    const SHAPES: [&str; 12] = [
-        "Mesh",
+/// Tells how many surfaces there are that no picture shows: all that are not meshes.
+pub(super) fn other_surfaces(stage: &Stage, time: f64) -> Option<String> {
+    const SHAPES: [&str; 11] = [
         "Points",
         "BasisCurves",
         "NurbsCurves",
@@ -91,15 +92,15 @@ pub(super) fn surfaces(stage: &Stage, time: f64) -> Option<String> {
     ];
     let shape = |prim: &&Prim| SHAPES.contains(&prim.type_name.as_str()) && stage.is_rendered(prim, time);
     let count = stage.prims().filter(shape).count();
-    (count > 0).then(|| format!("surfaces are not rendered: {count} prim(s), such as meshes, are left out"))
+    (count > 0).then(|| format!("meshes alone are rendered of surfaces: {count} prim(s) of other types are left out"))
 }
 
-/// True if another time code shows another scene: if a volume, a light, a field, a material or what stands above one of
+/// True if another time code shows another scene: if a volume, a mesh, a light, a field, a material or what stands above one of
 /// them changes over time.
 fn moves(stage: &Stage) -> bool {
     let changes = |prim: &Prim| prim.attributes.values().any(|a| a.is_animated() && a.name != "extent");
     stage.prims().any(|prim| {
-        let shown = prim.type_name == "Volume" || light::is_light(prim);
+        let shown = matches!(prim.type_name.as_str(), "Volume" | "Mesh") || light::is_light(prim);
         let read = matches!(prim.type_name.as_str(), "OpenVDBAsset" | "Material" | "Shader" | "NodeGraph");
         (read && changes(prim)) || (shown && stage.upwards(prim).any(changes))
     })

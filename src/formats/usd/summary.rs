@@ -143,7 +143,7 @@ pub(crate) fn summary(path: &Path, limits: Limits) -> Result<StageSummary> {
         Err(error) => remarks.push(error.to_string().replace("\n  ", "; ")),
     }
     remarks.extend(stage.cameras().flat_map(|camera| stage.camera_remarks(camera, time)));
-    remarks.extend(scene::surfaces(&stage, time));
+    remarks.extend(scene::other_surfaces(&stage, time));
     let lights = stage.prims().filter(|prim| light::is_light(prim));
     Ok(StageSummary {
         default_prim: stage.metadata.default_prim.clone(),

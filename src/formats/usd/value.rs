@@ -1,8 +1,9 @@
 //! Values of attributes and metadata.
 
-use glam::DMat4;
+use glam::{DMat4, DVec3};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A value of an attribute or of metadata.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,14 +24,18 @@ pub enum Value {
     Matrix(DMat4),
     /// An array.
     List(Vec<Value>),
+    /// A long array of vectors in single precision, such as the points of a mesh.
+    Points(Arc<Vec<[f32; 3]>>),
+    /// A long array of integers, such as the corners of a mesh.
+    Integers(Arc<Vec<i32>>),
     /// A dictionary.
     Dictionary(BTreeMap<String, Value>),
-    /// A value that is not read, by the name of its kind: an array of more than `MOST_ELEMENTS` elements, or a kind
-    /// that no attribute has.
+    /// A value that is not read, by the name of its kind: another array of more than `MOST_ELEMENTS` elements, or a
+    /// kind that no attribute has.
     Other(&'static str),
 }
 
-/// Largest number of elements of arrays that are read; longer ones are points and indices of meshes.
+/// Largest number of elements of a [`Value::List`].
 pub(crate) const MOST_ELEMENTS: usize = 4096;
 
 /// The path of a file, as a layer states it.
@@ -101,6 +106,24 @@ impl Value {
         if let Self::List(v) = self { Some(v) } else { None }
     }
 
+    /// Returns the vectors of an array of any length; `None` for other values.
+    pub(crate) fn points(&self) -> Option<Vec<DVec3>> {
+        match self {
+            Self::Points(points) => Some(points.iter().map(|at| DVec3::from_array(at.map(f64::from))).collect()),
+            Self::List(points) => points.iter().map(|at| at.tuple().map(DVec3::from_array)).collect(),
+            _ => None,
+        }
+    }
+
+    /// Returns the integers of an array of any length; `None` for other values.
+    pub(crate) fn integers(&self) -> Option<Vec<i64>> {
+        match self {
+            Self::Integers(all) => Some(all.iter().copied().map(i64::from).collect()),
+            Self::List(all) => all.iter().map(Self::int).collect(),
+            _ => None,
+        }
+    }
+
     /// Returns the strings or tokens of an array; elements of other kinds are left out.
     pub(crate) fn texts(&self) -> Vec<&str> {
         self.list().unwrap_or_default().iter().filter_map(Self::text).collect()
@@ -132,6 +155,13 @@ impl Value {
             (Self::Matrix(a), Self::Matrix(b)) => Self::Matrix(*a + (*b - *a) * share),
             (Self::List(a), Self::List(b)) if a.len() == b.len() => {
                 Self::List(a.iter().zip(b).map(|(a, b)| a.between(b, share, turns)).collect::<Option<_>>()?)
+            }
+            (Self::Points(a), Self::Points(b)) if a.len() == b.len() => {
+                let mixed = a
+                    .iter()
+                    .zip(b.iter())
+                    .map(|(a, b)| [0, 1, 2].map(|axis| mix(a[axis].into(), b[axis].into()) as f32));
+                Self::Points(Arc::new(mixed.collect()))
             }
             _ => return None,
         })

@@ -215,12 +215,13 @@ impl<I: Integrator> Shoot<'_, '_, I> {
                 if planes.stride > 0 {
                     pixel.add(view.camera, &sample);
                 }
-                let Some(first) = &sample.first else { continue };
-                if planes.normals {
-                    pixel.normal += f64::from(first.share) * integrator.normal(first);
-                }
-                if planes.motion {
-                    pixel.add_motion(first, view.motion(first, place));
+                for first in [&sample.first, &sample.surface].into_iter().flatten() {
+                    if planes.normals {
+                        pixel.normal += f64::from(first.share) * integrator.normal(first);
+                    }
+                    if planes.motion {
+                        pixel.add_motion(first, view.motion(first, place));
+                    }
                 }
             }
             pixel.add_ray(half, of_ray);

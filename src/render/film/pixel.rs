@@ -32,7 +32,7 @@ impl Pixel {
     pub(super) fn add(&mut self, camera: &Camera, sample: &Sample) {
         self.direct += sample.direct.as_dvec3();
         self.indirect += sample.indirect.as_dvec3();
-        if let Some(first) = sample.first {
+        for first in [sample.first, sample.surface].into_iter().flatten() {
             let share = f64::from(first.share);
             self.collided += share;
             self.albedo += share * first.albedo.as_dvec3();

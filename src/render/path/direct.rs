@@ -26,7 +26,7 @@ const OFTEN: f64 = 2.0;
 /// Returns the power heuristic's weight of a direction drawn with density `own`, where another technique draws it with
 /// density `other`.
 #[inline(always)]
-fn heuristic(own: f64, other: f64) -> f64 {
+pub(super) fn heuristic(own: f64, other: f64) -> f64 {
     // The ratio, since densities of narrow lights overflow when squared.
     let ratio = other / own;
     1.0 / (1.0 + ratio * ratio)

@@ -4,12 +4,14 @@ use super::Kernel;
 use super::chromatic::Chromatic;
 use super::emissive::{Emissive, Integrated};
 use super::flames::Flames;
+use super::meshes::AmongMeshes;
 use super::optics::{Any, ByDensity, DensityMedium};
-use super::phase::{HenyeyGreenstein, Isotropic, Shaded};
+use super::phase::{HenyeyGreenstein, Isotropic, Phases, Shaded};
 use super::tracking::{Media, One, any, any_by_density, any_glossy};
 use crate::error::{Error, Result};
 use crate::scene::bricks::Bricks;
 use crate::scene::medium::Medium;
+use crate::scene::meshes::Meshes;
 use crate::scene::phase::Phase;
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
@@ -26,6 +28,9 @@ pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> 
         })
     });
     let densities = densities.collect::<Result<Vec<_>>>()?;
+    if let Some(meshes) = &scene.meshes {
+        return among_meshes(scene, &densities, meshes);
+    }
     match &densities[..] {
         several if several.iter().any(|(_, medium)| medium.is_chromatic()) => match Generality::of(scene) {
             Generality::Glossy => with_flames(Chromatic::new(several, any_glossy)?, scene),
@@ -61,6 +66,40 @@ pub(super) fn generic<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
             let volumes = densities.map(|(field, medium)| any(field, medium));
             with_flames(volumes.collect::<Result<Vec<_>>>()?, scene)
         }
+    }
+}
+
+/// Returns the kernel of volumes with meshes among them. Volumes that serve fewer media take less time, and surfaces as
+/// much again: there is one for plain and one for all media.
+fn among_meshes<'a>(
+    scene: &'a Scene,
+    densities: &[(&'a Bricks<f32>, &Medium)],
+    meshes: &'a Meshes,
+) -> Result<Box<dyn Kernel + 'a>> {
+    fn of<'a, O: DensityMedium + 'a, P: Phases + 'a>(
+        (scene, meshes): (&'a Scene, &'a Meshes),
+        densities: &[(&'a Bricks<f32>, &Medium)],
+        prepared: impl Fn(&'a Bricks<f32>, &Medium) -> Result<One<'a, O, P>>,
+    ) -> Result<Box<dyn Kernel + 'a>> {
+        let glow = Flames::new(scene.volumes.iter().filter_map(Volume::emission))?;
+        Ok(match densities {
+            several if several.iter().any(|(_, medium)| medium.is_chromatic()) => {
+                let media = Chromatic::new(several, prepared)?;
+                Box::new(AmongMeshes { media: Emissive { media, glow }, meshes })
+            }
+            [(field, medium)] => {
+                Box::new(AmongMeshes { media: Emissive { media: prepared(field, medium)?, glow }, meshes })
+            }
+            several => {
+                let media =
+                    several.iter().map(|(field, medium)| prepared(field, medium)).collect::<Result<Vec<_>>>()?;
+                Box::new(AmongMeshes { media: Emissive { media, glow }, meshes })
+            }
+        })
+    }
+    match Generality::of(scene) {
+        Generality::Plain => of((scene, meshes), densities, any),
+        Generality::ByDensity | Generality::Glossy => of((scene, meshes), densities, any_glossy),
     }
 }
 

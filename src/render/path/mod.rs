@@ -18,6 +18,7 @@ mod direct;
 mod emissive;
 mod flames;
 mod kernel;
+mod meshes;
 mod near;
 mod near_lights;
 mod optics;
@@ -30,11 +31,12 @@ use crate::error::Result;
 use crate::math::{Aabb, Ray};
 use crate::render::deep::{Event, Slice};
 use crate::render::dvr::{Tape, TracedRay};
-use crate::render::integrator::{Counts, First, Integrator, Sample, mean};
+use crate::render::integrator::{Counts, First, Integrator, Met, Sample, mean};
 use crate::render::preshaded;
 use crate::render::sampler::Sampler;
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
+use crate::scene::meshes::SurfacePoint;
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
 use direct::Lighting;
@@ -68,6 +70,8 @@ pub struct Primary {
     emitted: Vec3,
     /// Transmittance by channel to the end of a ray that was walked beyond it.
     to_end: Option<Vec3>,
+    /// Surface that the ray meets.
+    surface: Option<SurfacePoint>,
 }
 
 /// How far paths go.
@@ -129,7 +133,10 @@ trait Kernel: Sync + Send {
 
 impl<M: Media> Kernel for M {
     fn normal(&self, first: &First) -> DVec3 {
-        Media::normal(self, first.volume, first.position)
+        match first.met {
+            Met::Volume(volume) => Media::normal(self, volume, first.position),
+            Met::Surface(normal) => normal,
+        }
     }
 
     fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary {
@@ -202,7 +209,8 @@ impl<'a> PathTracer<'a> {
         let kernel = kernel::specialised(scene)?;
         let scattering: Vec<_> =
             scene.volumes.iter().filter_map(Volume::density).filter(|(_, m)| m.scatters()).collect();
-        let bounds = if scattering.iter().all(|(_, medium)| medium.scattering.as_ref().is_none_or(near_lights::pay)) {
+        let pay = scattering.iter().all(|(_, medium)| medium.scattering.as_ref().is_none_or(near_lights::pay));
+        let bounds = if scene.meshes.is_none() && pay {
             scattering
                 .iter()
                 .map(|(field, _)| field.transform.box_to_world(field.domain))
@@ -361,7 +369,7 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
             if bounces == 0 {
                 let Collision { distance, volume, .. } = collision;
                 let share = mean(weight);
-                out.first = Some(First { distance, position: at, albedo, volume, share });
+                out.first = Some(First { distance, position: at, albedo, met: Met::Volume(volume), share });
                 let chance = (lighting.often * f64::from(share)).min(1.0);
                 if spare >= chance {
                     break;

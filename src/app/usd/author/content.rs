@@ -88,7 +88,8 @@ impl AuthorSettings {
 
     fn of_scene_file(&self) -> Result<Content> {
         self.check_alone()?;
-        let SceneFile { volumes, lights, left_out } = scene_file::read(&self.input, self.limits)?;
+        let SceneFile { volumes, lights, meshes, mut left_out } = scene_file::read(&self.input, self.limits)?;
+        left_out.extend(meshes.iter().map(|mesh| format!("the mesh {}", mesh.file.display())));
         let folder = self.input.parent().unwrap_or(Path::new(""));
         let volume = |(i, entry): (usize, VolumeEntry)| {
             let named = |e: Error| e.part(format!("volume {i}")).at(&self.input);

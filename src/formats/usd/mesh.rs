@@ -1,0 +1,204 @@
+//! Meshes of stages, after UsdGeom, and what their materials say of diffuse light.
+//!
+//! The attributes `cumulo:albedo`, `cumulo:emission` and `cumulo:holdout` of a mesh are those of scene files. Else the
+//! diffuse and the emissive color of the `UsdPreviewSurface` that is bound to the mesh, or to subsets of its faces,
+//! count, and without one the mesh's `displayColor`. Reflections, textures and transparency are left out. Meshes are
+//! rendered as their polygons, whatever subdivision they ask for.
+
+use super::medium::bound_shaders;
+use super::prim::Prim;
+use super::stage::Stage;
+use super::value::Value;
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::mesh::Mesh;
+use crate::formats::scene_file::LoadedScene;
+use crate::scene::meshes::Material;
+use glam::Vec3;
+use std::collections::BTreeSet;
+
+/// Reads the meshes of a stage at a time code into a scene.
+///
+/// # Errors
+/// If faces and points contradict each other, a number of a material cannot be used, or all meshes do not fit into the
+/// limits. The error names the prim.
+pub(super) fn meshes(stage: &Stage, time: f64, limits: Limits, scene: &mut LoadedScene) -> Result<()> {
+    let mut remarks = BTreeSet::new();
+    for prim in stage.of_type("Mesh").filter(|prim| stage.is_rendered(prim, time)) {
+        let blame = |e: Error| stage.blame(e, prim);
+        let Some(mut mesh) = polygons(prim, time).map_err(blame)? else {
+            remarks.insert(format!("mesh {} has no faces", prim.path));
+            continue;
+        };
+        let map = stage.local_to_world(prim, time)?;
+        mesh.vertices.iter_mut().for_each(|at| *at = map.transform_point3(*at));
+        if prim.text("subdivisionScheme", time).is_none_or(|scheme| scheme != "none") {
+            remarks.insert(format!("mesh {} is rendered as its polygons: surfaces are not subdivided", prim.path));
+        }
+        let faces = subsets(stage, prim, mesh.ends.len(), time);
+        for (bound, part) in parts(&mesh, &faces) {
+            let material = match own(prim, time).map_err(blame)? {
+                Some(material) => material,
+                None => stated(stage, (prim, faces.prims.get(bound).copied().unwrap_or(prim)), time, &mut remarks),
+            };
+            let triangles = part.surface(limits).map_err(blame)?;
+            scene.push_mesh(triangles, material.checked().map_err(blame)?, limits).map_err(blame)?;
+        }
+    }
+    scene.remarks.extend(remarks);
+    Ok(())
+}
+
+/// Reads the polygons of a mesh; `None` if it has none.
+fn polygons(prim: &Prim, time: f64) -> Result<Option<Mesh>> {
+    let long = |name: &str| prim.attribute(name).and_then(|attribute| attribute.at(time));
+    let [points, counts, indices] = ["points", "faceVertexCounts", "faceVertexIndices"].map(long);
+    let (Some(points), Some(counts), Some(indices)) = (points, counts, indices) else { return Ok(None) };
+    let other = |name: &str, kind: &str| {
+        Error::invalid(format!("'{name}' is no array of {kind}")).hint("export the mesh again where it was made")
+    };
+    let vertices = points.points().ok_or_else(|| other("points", "points"))?;
+    let counts = counts.integers().ok_or_else(|| other("faceVertexCounts", "integers"))?;
+    let indices = indices.integers().ok_or_else(|| other("faceVertexIndices", "integers"))?;
+    if counts.is_empty() {
+        return Ok(None);
+    }
+    let bad = |what: String| Error::invalid(what).hint("export the mesh again where it was made");
+    if vertices.iter().any(|at| !at.is_finite()) {
+        return Err(bad("a point is not finite".into()));
+    }
+    if let Some(few) = counts.iter().find(|count| **count < 3) {
+        return Err(bad(format!("a face has {few} corners; 3 or more are expected")));
+    }
+    let sum: i64 = counts.iter().sum();
+    if sum != indices.len() as i64 || sum > i64::from(u32::MAX) {
+        return Err(bad(format!("faces of {sum} corners in all have {} indices of points", indices.len())));
+    }
+    let corner = |index: &i64| u32::try_from(*index).ok().filter(|index| (*index as usize) < vertices.len());
+    let Some(corners) = indices.iter().map(corner).collect::<Option<Vec<u32>>>() else {
+        return Err(bad(format!("a face names a point that is not among the {}", vertices.len())));
+    };
+    let ends = counts.iter().scan(0, |end, count| {
+        *end += *count as u32;
+        Some(*end)
+    });
+    let ends = ends.collect();
+    Ok(Some(Mesh { vertices, corners, ends }))
+}
+
+/// Subsets of a mesh's faces to which materials are bound.
+struct Subsets<'s> {
+    prims: Vec<&'s Prim>,
+    /// Number of the subset of each face; `prims.len()` for faces of none.
+    of_face: Vec<usize>,
+}
+
+/// Returns the subsets of a mesh's faces to which materials are bound. A face belongs to the first that names it.
+fn subsets<'s>(stage: &'s Stage, mesh: &Prim, faces: usize, time: f64) -> Subsets<'s> {
+    let of_mesh = |prim: &&Prim| prim.parent() == Some(&mesh.path);
+    let binds = |prim: &&Prim| prim.relationships.keys().any(|name| name.starts_with("material:binding"));
+    let prims: Vec<&Prim> = stage.of_type("GeomSubset").filter(of_mesh).filter(binds).collect();
+    let mut of_face = vec![prims.len(); faces];
+    for (number, prim) in prims.iter().enumerate() {
+        let of_faces = prim.text("elementType", time).is_none_or(|kind| kind == "face");
+        let indices = prim.value("indices", time).filter(|_| of_faces).and_then(|value| value.integers());
+        for face in indices.into_iter().flatten().filter_map(|face| usize::try_from(face).ok()) {
+            if let Some(of) = of_face.get_mut(face).filter(|of| **of == prims.len()) {
+                *of = number;
+            }
+        }
+    }
+    Subsets { prims, of_face }
+}
+
+/// Returns the parts of a mesh by the subset of their faces.
+fn parts(mesh: &Mesh, subsets: &Subsets<'_>) -> Vec<(usize, Mesh)> {
+    let all: BTreeSet<usize> = subsets.of_face.iter().copied().collect();
+    let part = |number: usize| {
+        let faces = mesh.polygons().zip(&subsets.of_face).filter(|(_, of)| **of == number);
+        let mut part = Mesh { vertices: mesh.vertices.clone(), ..Mesh::default() };
+        for (corners, _) in faces {
+            part.corners.extend(corners);
+            part.ends.push(part.corners.len() as u32);
+        }
+        (number, part)
+    };
+    all.into_iter().map(part).collect()
+}
+
+/// Reads the attributes of the namespace `cumulo`; `None` if there are none.
+///
+/// # Errors
+/// If one has a value of another kind.
+fn own(prim: &Prim, time: f64) -> Result<Option<Material>> {
+    let [albedo, emission, holdout] =
+        ["cumulo:albedo", "cumulo:emission", "cumulo:holdout"].map(|name| prim.value(name, time));
+    if albedo.is_none() && emission.is_none() && holdout.is_none() {
+        return Ok(None);
+    }
+    let wrong = |name: &str, expected: &str| {
+        Error::invalid(format!("the attribute 'cumulo:{name}' is not {expected}"))
+            .hint("correct its type and value, or remove it")
+    };
+    let color = |name: &str, value: &Value| {
+        let color = value.tuple::<3>().map(|color| Vec3::from_array(color.map(|v| v as f32)));
+        color.ok_or_else(|| wrong(name, "three numbers such as (0.5, 0.5, 0.5)"))
+    };
+    let usual = Material::default();
+    Ok(Some(Material {
+        albedo: albedo.map_or(Ok(usual.albedo), |value| color("albedo", &value))?,
+        emission: emission.map_or(Ok(usual.emission), |value| color("emission", &value))?,
+        holdout: holdout.map_or(Ok(false), |value| value.bool().ok_or_else(|| wrong("holdout", "a truth value")))?,
+    }))
+}
+
+/// Returns the diffuse part of the material that is bound to a subset of a mesh, or to the mesh, else its display
+/// color.
+fn stated(stage: &Stage, (mesh, bound): (&Prim, &Prim), time: f64, remarks: &mut BTreeSet<String>) -> Material {
+    let mut found = None;
+    for shader in bound_shaders(stage, bound, "surface") {
+        match shader.text("info:id", time).as_deref() {
+            Some("UsdPreviewSurface") => {
+                found = Some(preview(shader, time, remarks));
+                break;
+            }
+            id => {
+                let id = id.unwrap_or("no info:id");
+                remarks.insert(format!("the surface shader {} ({id}) is not understood", shader.path));
+            }
+        }
+    }
+    found.unwrap_or_else(|| {
+        let shown = mesh.value("primvars:displayColor", time).and_then(|value| value.points());
+        let mean = shown.filter(|colors| !colors.is_empty()).map(|colors| {
+            let sum = colors.iter().fold(glam::DVec3::ZERO, |sum, color| sum + *color);
+            (sum / colors.len() as f64).as_vec3().clamp(Vec3::ZERO, Vec3::ONE)
+        });
+        Material { albedo: mean.unwrap_or(Material::default().albedo), ..Material::default() }
+    })
+}
+
+/// Returns the diffuse part of a `UsdPreviewSurface`, and says what of it is left out.
+fn preview(shader: &Prim, time: f64, remarks: &mut BTreeSet<String>) -> Material {
+    let input = |name: &str| shader.attribute(&format!("inputs:{name}"));
+    let connected = |name: &&str| input(name).is_some_and(|input| !input.connections.is_empty());
+    let color = |name: &str, usual: f32| {
+        let stated = shader.tuple::<3>(&format!("inputs:{name}"), time).map(|v| Vec3::from_array(v.map(|v| v as f32)));
+        stated.unwrap_or(Vec3::splat(usual))
+    };
+    let number = |name: &str, usual: f64| shader.number(&format!("inputs:{name}"), time).unwrap_or(usual);
+    let textures: Vec<&str> =
+        ["diffuseColor", "emissiveColor", "opacity", "normal", "displacement"].into_iter().filter(connected).collect();
+    if !textures.is_empty() {
+        let what = textures.join(", ");
+        remarks.insert(format!("material of shader {}: what is connected to {what} is left out", shader.path));
+    }
+    if number("opacity", 1.0) < 1.0 {
+        remarks.insert(format!("material of shader {}: its transparency is left out", shader.path));
+    }
+    if number("metallic", 0.0) > 0.0 || number("clearcoat", 0.0) > 0.0 || number("roughness", 0.5) < 0.5 {
+        remarks.insert(format!("material of shader {}: its reflections are diffuse", shader.path));
+    }
+    let diffuse = if connected(&"diffuseColor") { Material::default().albedo } else { color("diffuseColor", 0.18) };
+    Material { albedo: diffuse.clamp(Vec3::ZERO, Vec3::ONE), emission: color("emissiveColor", 0.0), holdout: false }
+}

@@ -1,0 +1,178 @@
+//! The meshes of a scene: surfaces that reflect and emit light, and stop it.
+
+use crate::error::{Error, Result};
+use crate::math::Ray;
+use crate::scene::light::Arrival;
+use crate::scene::surfaces::Surfaces;
+use glam::{DVec3, Vec3};
+
+/// What surfaces do with light; the same on both sides.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Material {
+    /// Share of the light that is reflected, evenly to all sides (Lambert), in red, green and blue: 0 to 1.
+    pub albedo: Vec3,
+    /// Radiance that leaves the surface by itself.
+    pub emission: Vec3,
+    /// True of surfaces that the camera does not see: they hide what is behind them, and leave a hole.
+    pub holdout: bool,
+}
+
+impl Default for Material {
+    /// Light grey.
+    fn default() -> Self {
+        Self { albedo: Vec3::splat(0.8), emission: Vec3::ZERO, holdout: false }
+    }
+}
+
+impl Material {
+    /// Returns the material if its numbers can be used.
+    ///
+    /// # Errors
+    /// If an albedo is not from 0 to 1, or an emission negative or not finite.
+    pub fn checked(self) -> Result<Self> {
+        let Self { albedo, emission, .. } = self;
+        if !(albedo.cmpge(Vec3::ZERO) & albedo.cmple(Vec3::ONE)).all() {
+            return Err(Error::invalid(format!("an albedo of {albedo} is none that a surface can have"))
+                .hint("give shares from 0 to 1"));
+        }
+        if !(emission.is_finite() && emission.min_element() >= 0.0) {
+            return Err(Error::invalid(format!("a surface cannot emit {emission}"))
+                .hint("give finite radiances that are not negative"));
+        }
+        Ok(self)
+    }
+}
+
+/// Meshes, all in one tree.
+#[derive(Debug)]
+pub struct Meshes {
+    surfaces: Surfaces,
+    materials: Vec<Material>,
+    /// Numbers of the materials of the triangles, in the order of the tree.
+    material_of: Vec<u32>,
+    /// Triangles that emit, in the order of the tree, with the power of all up to each: areas times the mean of the
+    /// channels.
+    emitting: Vec<(usize, f64)>,
+}
+
+/// A point of a surface that a ray meets.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePoint {
+    /// Length from the ray's origin.
+    pub distance: f64,
+    /// Position in world space.
+    pub position: DVec3,
+    /// Unit normal on the side from which the ray comes.
+    pub normal: DVec3,
+    /// Material.
+    pub material: Material,
+    /// Length above the surface from which rays begin that leave it.
+    margin: f64,
+}
+
+impl SurfacePoint {
+    /// Returns the origin of rays that leave the point, which do not meet its surface again.
+    #[inline(always)]
+    pub(crate) fn above(&self) -> DVec3 {
+        self.position + self.margin * self.normal
+    }
+}
+
+/// Bytes of a triangle with its part of the tree, while it is built.
+pub use super::surfaces::TRIANGLE_BYTES;
+
+impl Meshes {
+    /// Creates the meshes of a scene from the triangles of each, corners in world space, and its material.
+    ///
+    /// # Errors
+    /// If there are no triangles, or more than 2³¹, a coordinate is not finite, or a material cannot be used.
+    pub fn new(meshes: &[(Vec<[DVec3; 3]>, Material)]) -> Result<Self> {
+        let triangles: Vec<_> = meshes.iter().flat_map(|(triangles, _)| triangles).copied().collect();
+        let surfaces = Surfaces::new(&triangles)?;
+        let materials = meshes.iter().map(|(_, material)| material.checked()).collect::<Result<Vec<_>>>()?;
+        let owners = meshes.iter().zip(0..).flat_map(|((triangles, _), owner)| triangles.iter().map(move |_| owner));
+        let owners: Vec<u32> = owners.collect();
+        let material_of: Vec<u32> = surfaces.numbers().iter().map(|number| owners[*number as usize]).collect();
+        let mut power = 0.0;
+        let mut emitting = Vec::new();
+        for (triangle, owner) in material_of.iter().enumerate() {
+            let own = strength(&materials[*owner as usize]) * area(surfaces.triangle(triangle));
+            if own > 0.0 {
+                power += own;
+                emitting.push((triangle, power));
+            }
+        }
+        Ok(Self { surfaces, materials, material_of, emitting })
+    }
+
+    /// Returns the point at which a ray of unit direction meets the nearest surface, before its far end.
+    pub(crate) fn meet(&self, ray: &Ray) -> Option<SurfacePoint> {
+        let hit = self.surfaces.hit(ray)?;
+        let [_, u, v] = self.surfaces.triangle(hit.triangle);
+        let normal = u.cross(*v).normalize_or_zero();
+        Some(SurfacePoint {
+            distance: hit.distance,
+            position: ray.at(hit.distance),
+            normal: if normal.dot(ray.direction) > 0.0 { -normal } else { normal },
+            material: self.materials[self.material_of[hit.triangle] as usize],
+            margin: self.surfaces.margin(hit.distance),
+        })
+    }
+
+    /// True if a surface stands in the way of a ray, before its far end.
+    pub(crate) fn block(&self, ray: &Ray) -> bool {
+        self.surfaces.block(ray)
+    }
+
+    /// Returns the number of triangles.
+    pub fn count(&self) -> usize {
+        self.material_of.len()
+    }
+
+    /// Returns light that arrives at a point from the surfaces that emit, drawn evenly by their power with three
+    /// numbers in [0, 1); `None` if none emits, or it is seen from its edge. The way to it is shorter than the distance
+    /// by what rays must stop before it.
+    pub(crate) fn sample(&self, from: DVec3, [choice, u, v]: [f64; 3]) -> Option<Arrival> {
+        let power = self.emitting.last()?.1;
+        let place = self.emitting.partition_point(|(_, up_to)| *up_to <= choice * power);
+        let (triangle, _) = self.emitting.get(place).or(self.emitting.last())?;
+        let [corner, a, b] = self.surfaces.triangle(*triangle);
+        // Half of the parallelogram is folded onto the other.
+        let [u, v] = if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] };
+        let to = *corner + u * *a + v * *b - from;
+        let distance = to.length();
+        let direction = to / distance;
+        let normal = a.cross(*b).normalize_or_zero();
+        let material = &self.materials[self.material_of[*triangle] as usize];
+        let density = self.density(material, distance, normal.dot(direction));
+        if !(density > 0.0 && density.is_finite()) {
+            return None;
+        }
+        let reach = distance - self.surfaces.margin(distance);
+        Some(Arrival { direction, distance: reach, radiance: material.emission, density })
+    }
+
+    /// Returns the density per steradian with which [`Self::sample`] draws the direction of a ray that meets a surface.
+    pub(crate) fn density_towards(&self, ray: &Ray, point: &SurfacePoint) -> f64 {
+        self.density(&point.material, point.distance, point.normal.dot(ray.direction))
+    }
+
+    fn density(&self, material: &Material, distance: f64, cosine: f64) -> f64 {
+        let power = self.emitting.last().map_or(f64::INFINITY, |(_, power)| *power);
+        strength(material) / power * distance * distance / cosine.abs()
+    }
+
+    /// True if a surface emits.
+    pub(crate) fn emit(&self) -> bool {
+        !self.emitting.is_empty()
+    }
+}
+
+/// Returns the mean of the channels of a material's emission.
+fn strength(material: &Material) -> f64 {
+    f64::from(material.emission.element_sum()) / 3.0
+}
+
+fn area([_, u, v]: &[DVec3; 3]) -> f64 {
+    0.5 * u.cross(*v).length()
+}
