@@ -55,10 +55,11 @@ impl Sampler {
     }
 
     /// Returns the numbers of a second path of the same sample, independent of those of this one from here on.
-    pub(crate) fn second(&mut self) -> Self {
+    pub(crate) fn second(&self) -> Self {
         let golden = 0x9E37_79B9_7F4A_7C15_u64;
         let key = mixed(u64::from(self.scramble).wrapping_add(golden));
-        let own = u64::from(self.independent.next_u32()) << 32 | u64::from(self.independent.next_u32());
+        let mut independent = self.independent.clone();
+        let own = u64::from(independent.next_u32()) << 32 | u64::from(independent.next_u32());
         Self {
             independent: Pcg32::new(mixed(own), mixed(own ^ golden)),
             index: self.index,

@@ -50,8 +50,8 @@ pub struct Meshes {
     materials: Vec<Material>,
     /// Numbers of the materials of the triangles, in the order of the tree.
     material_of: Vec<u32>,
-    /// Triangles that emit, in the order of the tree, with the power of all up to each: areas times the mean of the
-    /// channels.
+    /// Triangles that emit, in the order in which they were given, with the power of all up to each: areas times the
+    /// mean of the channels.
     emitting: Vec<(usize, f64)>,
 }
 
@@ -93,15 +93,17 @@ impl Meshes {
         let owners = meshes.iter().zip(0..).flat_map(|((triangles, _), owner)| triangles.iter().map(move |_| owner));
         let owners: Vec<u32> = owners.collect();
         let material_of: Vec<u32> = surfaces.numbers().iter().map(|number| owners[*number as usize]).collect();
+        let mut places: Vec<usize> =
+            (0..triangles.len()).filter(|place| emits(&materials, material_of[*place])).collect();
+        places.sort_unstable_by_key(|place| surfaces.numbers()[*place]);
         let mut power = 0.0;
-        let mut emitting = Vec::new();
-        for (triangle, owner) in material_of.iter().enumerate() {
-            let own = strength(&materials[*owner as usize]) * area(surfaces.triangle(triangle));
-            if own > 0.0 {
-                power += own;
-                emitting.push((triangle, power));
-            }
-        }
+        let up_to = |place: usize| {
+            power += strength(&materials[material_of[place] as usize]) * area(surfaces.triangle(place));
+            (place, power)
+        };
+        let emitting = places.into_iter().map(up_to).collect::<Vec<_>>();
+        // Triangles without area have no power together.
+        let emitting = if emitting.last().is_some_and(|(_, power)| *power > 0.0) { emitting } else { Vec::new() };
         Ok(Self { surfaces, materials, material_of, emitting })
     }
 
@@ -166,6 +168,10 @@ impl Meshes {
     pub(crate) fn emit(&self) -> bool {
         !self.emitting.is_empty()
     }
+}
+
+fn emits(materials: &[Material], number: u32) -> bool {
+    strength(&materials[number as usize]) > 0.0
 }
 
 /// Returns the mean of the channels of a material's emission.

@@ -1,8 +1,10 @@
 //! Deep renders: what their samples show before a depth is what a holdout there leaves.
 
+use crate::common::shapes::{ball, quad, write_ply};
 use crate::common::work::{Work, fixture_text, write_exr};
 use cumulo::error::Code;
 use cumulo::formats::exr::deep::{self, TidyPixel};
+use glam::DVec3;
 use serde_json::json;
 
 const SIZE: [usize; 2] = [24, 20];
@@ -77,6 +79,17 @@ fn samples_show_what_holdouts_leave() {
     ] {
         std::fs::write(work.path(&format!("{name}.json")), scene.to_string()).unwrap();
     }
+    write_ply(&work.path("ball.ply"), &ball(DVec3::new(1.1, 0.9, 1.0), 0.4, 12));
+    write_ply(&work.path("wall.ply"), &quad(DVec3::new(-5.0, -5.0, 0.1), DVec3::X * 12.0, DVec3::new(0.0, 12.0, -3.0)));
+    write_ply(&work.path("hole.ply"), &quad(DVec3::new(0.4, 1.1, 1.3), DVec3::X * 0.6, DVec3::Y * 0.8));
+    let meshes = json!([{"file": "ball.ply", "albedo": [0.9, 0.3, 0.2], "emission": [0.1, 0, 0]}, {"file": "wall.ply"},
+        {"file": "hole.ply", "holdout": true}]);
+    for name in ["sun", "colored", "several", "fire"] {
+        let read = std::fs::read_to_string(work.path(&format!("{name}.json"))).unwrap();
+        let mut scene: serde_json::Value = serde_json::from_str(&read).unwrap();
+        scene["meshes"] = meshes.clone();
+        std::fs::write(work.path(&format!("{name}-meshes.json")), scene.to_string()).unwrap();
+    }
     let plume = "@plume.vdb --density-scale 4 --cameras camera.json --view 0 --background 0.2,0.3,0.4";
     let scene = "--cameras camera.json --view 0 --samples 16 --seed 3";
     for (words, error, most) in [
@@ -94,6 +107,10 @@ fn samples_show_what_holdouts_leave() {
         (format!("fires.json {scene}"), 0.01, 60.0),
         (format!("mixed.json {scene}"), 0.01, 60.0),
         (format!("sun.json {scene}"), 0.1, 10.0),
+        (format!("sun-meshes.json {scene}"), 0.01, 60.0),
+        (format!("colored-meshes.json {scene} --aperture 0.1"), 0.01, 60.0),
+        (format!("several-meshes.json {scene}"), 0.01, 60.0),
+        (format!("fire-meshes.json {scene}"), 0.01, 60.0),
     ] {
         let (largest, samples) = off(&work, &words, error);
         println!("{words} {error}: {largest:.4}, {samples:.1} samples");

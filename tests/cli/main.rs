@@ -60,6 +60,7 @@ mod shell;
 mod statistical;
 mod study;
 mod suggestion;
+mod surfaces;
 mod tf_color;
 mod through_transfer;
 mod transfer;

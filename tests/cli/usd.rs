@@ -89,7 +89,7 @@ fn stages_are_rendered_as_scene_files_are() {
 
 #[test]
 fn info_lists_what_a_stage_holds() {
-    let work = work(&stage("def DiskLight \"disk\" {}\ndef Mesh \"table\" {}\n"));
+    let work = work(&stage("def DiskLight \"disk\" {}\ndef Cube \"table\" {}\n"));
     std::fs::remove_file(work.path("cube.vdb")).unwrap();
     let found = &work.json("info stage.usda")["files"][0];
     assert_eq!(

@@ -7,5 +7,6 @@ pub mod random;
 pub mod refusal;
 pub mod replaced;
 pub mod scenes;
+pub mod shapes;
 pub mod stages;
 pub mod work;

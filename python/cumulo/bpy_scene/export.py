@@ -20,8 +20,9 @@ from .cameras import far_complaint, sees
 from .lights import light_entry
 from .refusal import Complaint, Complaints, named
 from .shutter import blurred_camera
+from .surfaces import Surfaces
 from .visible import SURFACES, placed_objects
-from .volumes import check_handedness, lattice_of, shows_nothing, surface_complaint, vdb_of, volume_entry
+from .volumes import check_handedness, inside_complaint, lattice_of, shows_nothing, vdb_of, volume_entry
 from .world import Worlds
 
 
@@ -80,13 +81,13 @@ def frames_of(scene):
 
 
 def export(folder, scene=None, frames=None, ignore=False):
-    """Writes a scene's volumes, lights and world as scene files, and its camera as `transforms.json`, into `folder`.
+    """Writes a scene's volumes, meshes, lights and world as scene files, and its camera as `transforms.json`, into `folder`.
 
     `scene` is the present one unless given; `frames` are numbers in equal steps, by default the present frame alone.
     The present frame alone is written with its subframe. Returns the Export. Raises Refused where Cumulo would show something
     else than Cycles, with all that is wrong about the scene, each by the object and the node, and ValueError for frames that
-    it cannot number. With `ignore` it leaves out what the picture of the volumes can do without, such as meshes, lights that
-    Cumulo does not have and blur, and records that in the Export and the files; it raises Refused about the rest.
+    it cannot number. With `ignore` it leaves out what the picture of the volumes can do without, such as reflections, lights
+    that Cumulo does not have and blur, and records that in the Export and the files; it raises Refused about the rest.
     """
     return finish(export_steps(folder, scene, frames, ignore))
 
@@ -99,11 +100,12 @@ def export_steps(folder, scene=None, frames=None, ignore=False):
     if not frames or len(steps) > 1 or min(frames) < 0 or any(step < 1 for step in steps):
         raise ValueError(f"frames {frames}: numbers from 0 on in equal steps are needed")
     subframe = scene.frame_subframe if frames == (scene.frame_current,) else 0.0
-    described, views, left_out, worlds = [], [], {}, Worlds(folder)
+    described, views, left_out, worlds, surfaces = [], [], {}, Worlds(folder), Surfaces(folder)
     with frame_kept(scene):
         for frame in frames:
             scene.frame_set(frame, subframe=subframe)
-            document, camera, without = describe(folder, scene, ignore, worlds)
+            document, camera, without = describe(folder, scene, ignore, worlds, surfaces)
+            surfaces.write()
             # What is left out of several frames is named once.
             left_out |= dict.fromkeys(without)
             described.append(document)
@@ -118,12 +120,13 @@ def export_steps(folder, scene=None, frames=None, ignore=False):
         write_json(folder / name.replace("####", f"{frame:04}"), document | noted)
     capture = Capture(views, model="scattering", background=(0.0, 0.0, 0.0), pixel_filter="box", extra=noted)
     capture.write(folder / "transforms.json")
-    return Export(folder / name, folder / "transforms.json", frames, _options(scene), tuple(left_out))
+    options = _options(scene, any("meshes" in document for document in described))
+    return Export(folder / name, folder / "transforms.json", frames, options, tuple(left_out))
 
 
-def describe(folder, scene=None, ignore=False, worlds=None):
+def describe(folder, scene=None, ignore=False, worlds=None, surfaces=None):
     """A scene file in `folder` as a dict, the Camera, and in words what is left out, of a scene at its present frame. Raises
-    as `export` does. `worlds` are those of the frames before."""
+    as `export` does. `worlds` and `surfaces` are those of the frames before."""
     scene, complaints = scene or bpy.context.scene, Complaints(ignore)
     for complaint in _complaints_of(scene):
         complaints.add(complaint)
@@ -133,12 +136,15 @@ def describe(folder, scene=None, ignore=False, worlds=None):
     with complaints.gathered():
         placed = placed_objects(scene, complaints)
     fps = scene.render.fps / scene.render.fps_base
-    volumes, lights, count = [], [], 0
+    volumes, lights, meshes, count = [], [], [], 0
+    surfaces = surfaces or Surfaces(folder)
     for each in placed:
         with complaints.gathered():
             if each.object.type in SURFACES:
-                if complaint := surface_complaint(each.object):
+                if complaint := inside_complaint(each.object):
                     complaints.add(complaint)
+                else:
+                    meshes += surfaces.entries(each, complaints)
             elif each.object.type == "LIGHT":
                 if entry := light_entry(each, complaints):
                     if camera and (complaint := _seen_complaint(each.object, entry, camera)):
@@ -167,8 +173,11 @@ def describe(folder, scene=None, ignore=False, worlds=None):
             if complaint := _sun_complaint(scene, world, camera):
                 complaints.add(complaint)
             lights += world
+    if meshes and (complaint := _bounces_complaint(scene)):
+        complaints.add(complaint)
     complaints.settle()
-    return {"volumes": volumes, "lights": lights}, camera, complaints.left_out
+    with_meshes = {"meshes": meshes} if meshes else {}
+    return {"volumes": volumes, "lights": lights} | with_meshes, camera, complaints.left_out
 
 
 def _complaints_of(scene):
@@ -201,6 +210,20 @@ def _complaints_of(scene):
             "it has no world, without which Cycles shows no volumes",
             "add one, black if need be (World Properties)",
         )
+
+
+def _bounces_complaint(scene):
+    """The Complaint about limits of bounces that differ between surfaces and volumes, or None."""
+    cycles = scene.cycles
+    limits = [min(cycles.max_bounces, bounces) for bounces in (cycles.diffuse_bounces, cycles.volume_bounces)]
+    if scene.render.engine != "CYCLES" or limits[0] == limits[1] == cycles.max_bounces:
+        return None
+    return Complaint(
+        named("scene", scene),
+        f"it has {cycles.max_bounces} bounces in all, {cycles.diffuse_bounces} of surfaces, {cycles.volume_bounces} of volumes",
+        "give all the same number (Render Properties > Light Paths)",
+        f"paths have {max(limits)} bounces, of surfaces and volumes alike",
+    )
 
 
 def _seen_complaint(thing, entry, camera):
@@ -247,12 +270,13 @@ def _is_seen(entry, camera):
     return sees(camera, centre, radius)
 
 
-def _options(scene):
-    """Options of `cumulo render` for what scene files do not state."""
+def _options(scene, meshes=False):
+    """Options of `cumulo render` for what scene files do not state; `meshes` is true of scenes with surfaces."""
     options = []
     if scene.render.engine == "CYCLES":
         # Cycles counts scatterings after the first.
-        options += ["--max-bounces", str(1 + min(scene.cycles.max_bounces, scene.cycles.volume_bounces))]
+        bounces = max(scene.cycles.volume_bounces, scene.cycles.diffuse_bounces if meshes else 0)
+        options += ["--max-bounces", str(1 + min(scene.cycles.max_bounces, bounces))]
     if scene.render.film_transparent or not scene.world.cycles_visibility.camera:
         options += ["--background", "0,0,0"]
     return tuple(options)

@@ -13,8 +13,8 @@ from .refusal import Complaint, Refused, named, refused
 BACKED = "import the VDB files that it stands for (Add > Volume > Import OpenVDB), and disable this object in renders"
 
 
-def surface_complaint(thing):
-    """The Complaint about an object that is not a volume; None where it has no surface to be seen."""
+def inside_complaint(thing):
+    """The Complaint about an object with a surface if it is, or holds, a volume without a VDB file; None of others."""
     where = named("object", thing)
     fluid = [m for m in thing.modifiers if m.type == "FLUID" and m.fluid_type == "DOMAIN"]
     if fluid:
@@ -22,20 +22,12 @@ def surface_complaint(thing):
         return Complaint(
             where, f"it is a fluid domain (cache: {cache})", f"bake it with the cache format OpenVDB, then {BACKED}"
         )
-    # Modifiers make surfaces and volumes of nothing.
-    if thing.type == "MESH" and not thing.data.polygons and not thing.modifiers:
-        return None
     if any(m and m.node_tree and (out := m.node_tree.get_output_node("CYCLES")) and out.inputs["Volume"].is_linked
            for m in getattr(thing.data, "materials", ())):  # fmt: skip
         return Complaint(where, f"its inside ({thing.type.lower()}) is a medium without a VDB file", BACKED)
     if _makes_volume(thing):
         return Complaint(where, f"its modifiers make a volume of a {thing.type.lower()}, without a VDB file", BACKED)
-    return Complaint(
-        where,
-        f"a {thing.type.lower()} is rendered, and Cumulo renders volumes alone",
-        "disable it in renders (camera icon in the outliner)",
-        "the object is left out",
-    )
+    return None
 
 
 def _makes_volume(thing):

@@ -305,7 +305,7 @@ def test_what_cannot_be_honored_is_reported_by_name(addon, fixtures, tmp_path):
 def test_what_is_not_supported_is_left_out_and_reported(addon, fixtures, tmp_path):
     scene = smoke_scene.smoke(fixtures / "plume.vdb")
     addon()
-    box_mesh(scene, (3, 3, 3), (4, 4, 4))
+    box_mesh(scene, (3, 3, 3), (4, 4, 4)).data.shade_smooth()
     scene.render.use_motion_blur, scene.cycles.rolling_shutter_type = True, "TOP"
     with pytest.raises(RuntimeError) as refused:
         bpy.ops.cumulo.export_scene(folder=str(tmp_path))

@@ -90,8 +90,42 @@ def moving_smoke(scene):
         smoke.keyframe_insert("location", frame=frame)
 
 
-def cloth(scene):
+def mirror(scene):
+    thing = box_mesh(scene, (3, 3, 3), (4, 4, 4))
+    made = bpy.data.materials.new("Mirror")
+    nodes = made.node_tree.nodes
+    nodes.clear()
+    shader, output = nodes.new("ShaderNodeBsdfGlossy"), nodes.new("ShaderNodeOutputMaterial")
+    shader.inputs["Color"].default_value = (0.9, 0.8, 0.1, 1)
+    made.node_tree.links.new(shader.outputs[0], output.inputs["Surface"])
+    thing.data.materials.append(made)
+
+
+def plastic(scene):
+    thing = box_mesh(scene, (3, 3, 3), (4, 4, 4))
+    thing.data.materials.append(bpy.data.materials.new("Plastic"))
+
+
+def striped(scene):
+    mirror(scene)
+    tree = bpy.data.materials["Mirror"].node_tree
+    diffuse, texture = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeTexWave")
+    tree.links.new(texture.outputs["Color"], diffuse.inputs["Color"])
+    tree.links.new(diffuse.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+
+
+def smooth(scene):
+    thing = box_mesh(scene, (3, 3, 3), (4, 4, 4))
+    thing.data.shade_smooth()
+
+
+def bounces(scene):
     box_mesh(scene, (3, 3, 3), (4, 4, 4))
+    scene.cycles.max_bounces = 4
+
+
+def half_visible(scene):
+    box_mesh(scene, (3, 3, 3), (4, 4, 4)).visible_shadow = False
 
 
 def foggy_box(scene):
@@ -229,7 +263,12 @@ REFUSED = {
     "a mirrored grid": (mirrored_grid, ["object 'Smoke'", "mirrors the grid"]),
     "an instance hidden in the viewport": (hidden_instance, ["object 'Smoke.001'", "by 'Instance'", "viewport"]),
     "a frame without a file": (past_the_end, ["scene 'Scene'", "no volume at frame 2"]),
-    "a mesh": (cloth, ["object 'box'", "a mesh is rendered", "disable it in renders"]),
+    "a mirror": (mirror, ["material 'Mirror'", "Glossy BSDF", "use Diffuse BSDF"]),
+    "plastic": (plastic, ["material 'Plastic'", "not diffuse", "Specular IOR Level", "Diffuse BSDF"]),
+    "a texture of a surface": (striped, ["material 'Mirror'", "'Wave Texture'", "unlink it"]),
+    "a smooth surface": (smooth, ["object 'box'", "smooth", "Shade Flat"]),
+    "limits of bounces": (bounces, ["scene 'Scene'", "4 bounces in all", "the same number"]),
+    "an object without shadows": (half_visible, ["object 'box'", "shadow", "switch it on"]),
     "a mesh with a medium": (foggy_box, ["object 'box'", "medium without a VDB", "Import OpenVDB"]),
     "a fluid domain": (domain, ["object 'box'", "fluid domain", "cache:", "Import OpenVDB"]),
     "a procedural volume": (procedural, ["object 'box'", "modifiers make a volume", "Import OpenVDB"]),
@@ -328,7 +367,7 @@ def test_what_cannot_be_honored_is_refused_by_name(fixtures, tmp_path, case):
 
 
 MANY = {
-    "a mesh": (cloth, "object 'box'"),
+    "a mirror": (mirror, "material 'Mirror'"),
     "a disk": (light("AREA", shape="DISK"), "light 'Lamp'"),
     "focus on a bone": (focus_on_a_bone, "camera 'Camera'"),
     "a rolling shutter": (rolling_shutter, "scene 'Scene': it has a rolling"),
@@ -365,8 +404,11 @@ def test_an_export_carries_on_without_what_it_can_leave_out(fixtures, tmp_path):
     scene.frame_end = 2
     exported = bpy_scene.export(tmp_path / "out", frames=(1, 2), ignore=True)
     assert len(exported.left_out) == len(MANY)
-    assert "object 'box': a mesh is rendered, and Cumulo renders volumes alone; the object is left out" in exported.left_out
+    (of_mirror,) = (what for what in exported.left_out if what.startswith("material 'Mirror'"))
+    assert of_mirror.endswith("its surface is diffuse, of its color")
     document = json.loads(exported.scene.read_text())
+    (box,) = document["meshes"]
+    assert np.allclose(box["albedo"], (0.9, 0.8, 0.1)) and (exported.scene.parent / box["file"]).is_file()
     assert document["left_out"] == list(exported.left_out)
     assert Capture.read(exported.cameras).extra["left_out"] == document["left_out"]
     assert [light["type"] for light in document["lights"]] == ["DistantLight"] and len(document["volumes"]) == 1
@@ -406,10 +448,12 @@ def startup(vdb):
 
 def test_the_startup_scene_with_a_smoke_is_exported(fixtures, tmp_path):
     startup(fixtures / "plume.vdb")
-    with pytest.raises(bpy_scene.Refused, match="object 'Cube'") as refused:
+    with pytest.raises(bpy_scene.Refused, match="material 'Material'") as refused:
         bpy_scene.export(tmp_path / "out")
     assert refused.value.can_be_left_out
     exported = bpy_scene.export(tmp_path / "out", ignore=True)
-    assert "object 'Cube': a mesh is rendered, and Cumulo renders volumes alone; the object is left out" in exported.left_out
-    (volume,) = json.loads(exported.scene.read_text())["volumes"]
+    assert any(what.endswith("its surface is diffuse, of its Base Color") for what in exported.left_out)
+    document = json.loads(exported.scene.read_text())
+    (cube,), (volume,) = document["meshes"], document["volumes"]
+    assert np.allclose(cube["albedo"], 0.8)
     assert volume["grid"] == "density" and volume["medium"]["albedo"] == [0.5, 0.5, 0.5]

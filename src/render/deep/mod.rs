@@ -4,7 +4,7 @@
 //! Color and opacity of a pixel before a depth `z` are those that it has if its rays end there:
 //! `F(z) = 1/N Σ (L(0, z), 1 - T(z))`, without what is behind the volume. Along straight rays, and for the
 //! transmittance that paths do not draw, `F` is known by slices (`slices`); what paths draw are steps of `F` at the
-//! places of their collisions. Few homogeneous samples keep to `F` at every depth (`segments`).
+//! places of their collisions and of surfaces. Few homogeneous samples keep to `F` at every depth (`segments`).
 
 mod curve;
 mod segments;
@@ -52,6 +52,11 @@ pub trait DeepIntegrator: Integrator {
     /// State that all parts of a ray share.
     type Walked;
 
+    /// Returns a camera's ray up to the surface that it meets, beyond which no part is asked for.
+    fn reach(&self, ray: &Ray) -> Ray {
+        *ray
+    }
+
     /// Walks along a camera's ray before parts of it are asked for.
     fn walk(&self, ray: &Ray, scratch: &mut Self::Scratch) -> Self::Walked;
 
@@ -84,7 +89,7 @@ pub struct Deep<'v> {
     /// Largest error of a pixel before any depth, in each channel: of opacity, and of color in units of 1, or of the
     /// pixel's brightest channel if that is brighter.
     pub error: f64,
-    /// Depths along the viewing axis between which there are volumes; none if there are none before the camera.
+    /// Depths along the viewing axis between which there are volumes; none if there is nothing before the camera.
     range: Option<[f64; 2]>,
 }
 
@@ -99,7 +104,9 @@ impl<'v> Deep<'v> {
         // Depths of samples have single precision.
         let margin = 1e-3 * (whole[1] - whole[0]);
         let range = [(whole[0] - margin).max(0.0), whole[1] + margin].map(|z| f64::from(z.min(f32::MAX.into()) as f32));
-        Self { view, sampling, error, range: (range[1] > range[0]).then_some(range) }
+        // Surfaces are steps, which may stand anywhere.
+        let nowhere = scene.meshes.is_some().then_some([0.0, 1.0]);
+        Self { view, sampling, error, range: (range[1] > range[0]).then_some(range).or(nowhere) }
     }
 
     /// Renders some rows of the picture. Returns `None` if the watch stopped it.
@@ -157,7 +164,7 @@ impl<'v> Deep<'v> {
         let mut events = Vec::new();
         for number in 0..self.sampling.samples() / self.sampling.per_ray() {
             let shot = self.sampling.shot(at, number, false);
-            let ray = DepthRay::new(self.view.camera, shot.ray(self.view.camera));
+            let ray = DepthRay::new(self.view.camera, integrator.reach(&shot.ray(self.view.camera)));
             slices.rays.push(ray);
             if !I::DRAWS {
                 continue;

@@ -44,7 +44,7 @@ impl DepthRay {
         (depths, start): ([f64; 2], f64),
         scratch: &mut I::Scratch,
     ) -> SliceOptics {
-        let mut part = depths.map(|z| ((z - self.origin) / self.slope).max(0.0));
+        let mut part = depths.map(|z| ((z - self.origin) / self.slope).max(0.0).min(self.ray.far));
         if depths[0] == start {
             part[0] = 0.0;
         }

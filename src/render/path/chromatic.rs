@@ -96,7 +96,7 @@ impl<O: DensityMedium, P: Phases> Media for Chromatic<'_, O, P> {
         let mut nearest: Option<Collision> = None;
         for (volume, one) in self.0.iter().enumerate() {
             let depth = f64::from(sampler.exponential()) / one.color[channel];
-            let limit = nearest.map_or(f64::INFINITY, |c| c.distance);
+            let limit = nearest.map_or(ray.far, |c| c.distance);
             let found = one.volume.dvr.collision_at(ray, depth, limit, &mut scratch.tape);
             nearest = found.map(|(distance, density)| Collision { distance, density, volume }).or(nearest);
         }

@@ -20,6 +20,10 @@ impl DeepIntegrator for PathTracer<'_> {
     const DRAWS: bool = true;
     type Walked = WalkedRay;
 
+    fn reach(&self, ray: &Ray) -> Ray {
+        self.kernel.reach(ray)
+    }
+
     fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> WalkedRay {
         WalkedRay { walked: self.kernel.walk(ray, scratch), last: [0.0; 2] }
     }

@@ -62,11 +62,11 @@ impl Glow for Flames<'_> {
                 let transmittance = media.transmittance(ray, distance, sampler, scratch);
                 let light = radiance * (walked.depth as f32 / mean) * transmittance;
                 match &mut scratch.apart {
+                    _ if distance > far => {}
                     Some(apart) if primary.is_some() => {
                         apart.push(Event { distance, unscattered: light, ..Event::default() });
                     }
-                    _ if distance <= far => sum += light,
-                    _ => {}
+                    _ => sum += light,
                 }
             }
         }

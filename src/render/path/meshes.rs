@@ -8,7 +8,7 @@ use super::phase::PhaseFunction;
 use super::tracking::{Collision, Media, Visible};
 use super::{Kernel, Limits, PathTracer, Primary, Scratch, WalkedDepth, survives};
 use crate::math::Ray;
-use crate::render::deep::Slice;
+use crate::render::deep::{Event, Slice};
 use crate::render::dvr::TracedRay;
 use crate::render::integrator::{First, Met, Sample, mean};
 use crate::render::sampler::Sampler;
@@ -55,6 +55,10 @@ impl<M: Media> Kernel for AmongMeshes<'_, M> {
 
     fn slice(&self, from: (&Ray, Option<WalkedDepth<'_>>), part: [f64; 2], scratch: &mut Scratch) -> Slice {
         Kernel::slice(&self.media, from, part, scratch)
+    }
+
+    fn reach(&self, ray: &Ray) -> Ray {
+        self.end(ray).0
     }
 
     fn misses(&self, primary: &Primary) -> bool {
@@ -121,12 +125,21 @@ impl<M: Media> pulp::NullaryFnOnce for Seen<'_, M> {
             && !point.material.holdout
         {
             let SurfacePoint { distance, position, normal, material: Material { albedo, emission, .. }, .. } = point;
-            out.transmittance = 0.0;
-            out.surface = Some(First { distance, position, albedo, met: Met::Surface(normal), share: mean(through) });
+            let (opacity, mut seen) = (mean(through), Sample::default());
             if !dark {
-                out.unscattered += through * emission;
+                seen.unscattered = through * emission;
             }
-            walk.follow(Vertex::Surface(point), (ray.direction, through), &mut out, &mut sampler);
+            walk.follow(Vertex::Surface(point), (ray.direction, through), &mut seen, &mut sampler);
+            if let Some(apart) = &mut walk.scratch.apart {
+                let (unscattered, scattered) = (seen.unscattered, seen.direct + seen.indirect);
+                apart.push(Event { distance, unscattered, scattered, opacity });
+                return out;
+            }
+            out.unscattered += seen.unscattered;
+            out.direct += seen.direct;
+            out.indirect += seen.indirect;
+            out.transmittance = 0.0;
+            out.surface = Some(First { distance, position, albedo, met: Met::Surface(normal), share: opacity });
         }
         out
     }

@@ -116,6 +116,8 @@ trait Kernel: Sync + Send {
     /// Returns optical depth and emission of a part of the camera's ray that was walked last, as far as no path draws
     /// them.
     fn slice(&self, from: (&Ray, Option<WalkedDepth<'_>>), part: [f64; 2], scratch: &mut Scratch) -> Slice;
+    /// Returns a camera's ray up to the surface that it meets.
+    fn reach(&self, ray: &Ray) -> Ray;
     /// True if nothing is on the way of a camera's ray that was walked.
     fn misses(&self, primary: &Primary) -> bool;
     /// True if paths estimate the transmittance of camera rays by their collisions.
@@ -172,6 +174,10 @@ impl<M: Media> Kernel for M {
             None => Media::optical_depth(self, &own, scratch),
         };
         Slice { rgb: self.glow(&own, scratch).as_dvec3(), depth }
+    }
+
+    fn reach(&self, ray: &Ray) -> Ray {
+        *ray
     }
 
     fn misses(&self, primary: &Primary) -> bool {

@@ -53,7 +53,7 @@ pub(super) trait Media: Sync + Send {
     /// True if a grid emits beside the media.
     const GLOWS: bool = false;
     /// Draws the next real collision along a world ray of unit direction that carries `weight`, and returns with it
-    /// what the weight is to be multiplied by; `None` if the ray escapes.
+    /// what the weight is to be multiplied by; `None` if the ray escapes, or comes to its end.
     fn collide(
         &self,
         ray: &Ray,
@@ -328,7 +328,7 @@ impl<O: DensityMedium, P: Phases> Media for One<'_, O, P> {
 
     #[inline(always)]
     fn collide(&self, ray: &Ray, _: Vec3, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<(Collision, Vec3)> {
-        let (distance, density) = self.collision(ray, f64::INFINITY, sampler, scratch)?;
+        let (distance, density) = self.collision(ray, ray.far, sampler, scratch)?;
         Some((Collision { distance, density, volume: 0 }, Vec3::ONE))
     }
 
@@ -454,7 +454,7 @@ impl<O: DensityMedium, P: Phases> Media for Vec<One<'_, O, P>> {
     fn collide(&self, ray: &Ray, _: Vec3, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<(Collision, Vec3)> {
         let mut nearest: Option<Collision> = None;
         for (volume, one) in self.iter().enumerate() {
-            let limit = nearest.map_or(f64::INFINITY, |c| c.distance);
+            let limit = nearest.map_or(ray.far, |c| c.distance);
             if let Some((distance, density)) = one.collision(ray, limit, sampler, scratch) {
                 nearest = Some(Collision { distance, density, volume });
             }
