@@ -14,13 +14,15 @@ pub struct Ray {
     pub direction: DVec3,
     /// Parameter beyond which nothing counts; infinite unless something stands in the way.
     pub far: f64,
+    /// Time from 0, as the shutter of a camera opens, to 1, as it closes; 0 where nothing moves.
+    pub time: f64,
 }
 
 impl Ray {
     /// Creates a ray without end.
     #[inline(always)]
     pub const fn new(origin: DVec3, direction: DVec3) -> Self {
-        Self { origin, direction, far: f64::INFINITY }
+        Self { origin, direction, far: f64::INFINITY, time: 0.0 }
     }
 
     /// True if something stands in the way, and what is behind it does not count.

@@ -168,6 +168,8 @@ impl Plan {
                 (medium.scattering, medium.albedo_function) = (None, None);
             }
         }
+        let moments = std::mem::take(&mut scene.moments);
+        scene.moments = moments.into_iter().map(|moment| self.simplify(moment)).collect::<Result<_>>()?;
         let mut number = 0..;
         scene.lights.retain(|_| number.next().is_some_and(|number| on(Effect::Light(number))));
         match (self.integrator, self.background) {

@@ -159,7 +159,8 @@ impl<'p> Planner<'p> {
         let pre_shaded = matches!(density, Volume::PreShaded(_));
         let picture = self.scene.environment.map.is_some() && self.background.is_none();
         let straight = pre_shaded
-            || !(scattering || by_density || picture || self.measured.chromatic || self.forced(Effect::Scattering));
+            || !(scattering || by_density || picture || self.measured.chromatic || self.forced(Effect::Scattering))
+                && self.scene.moments.is_empty();
         Ok(self.finished(if straight { Integrator::DirectVolumeRendering } else { Integrator::PathTracing }))
     }
 

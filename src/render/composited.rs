@@ -144,7 +144,7 @@ impl<I: EmissionAbsorption<Real = f32>> Integrator for Composited<I> {
         pixel.depth
     }
 
-    fn normal(&self, _: &First) -> DVec3 {
+    fn normal(&self, _: &Self::Primary, _: &First) -> DVec3 {
         DVec3::ZERO
     }
 

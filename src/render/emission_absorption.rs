@@ -36,6 +36,6 @@ pub trait EmissionAbsorption: Sync {
     /// Returns the radiance of the part of a world ray of unit direction between two lengths, and its optical depth:
     /// parts make up the whole ray, but for the errors of the quadrature.
     fn integrate_part(&self, ray: &Ray, [from, to]: [f64; 2], scratch: &mut Self::Scratch) -> Radiance {
-        self.integrate(&Ray { origin: ray.at(from), direction: ray.direction, far: to - from }, scratch)
+        self.integrate(&Ray { origin: ray.at(from), far: to - from, ..*ray }, scratch)
     }
 }

@@ -132,9 +132,9 @@ pub trait Integrator: Sync {
     /// Returns the optical depth of the ray that was walked last, the mean of the channels.
     fn optical_depth(&self, ray: &Ray, primary: &Self::Primary, scratch: &mut Self::Scratch) -> f64;
 
-    /// Returns the normal of a surface, or the unit vector in which the density falls at a collision; 0 where it is
-    /// constant.
-    fn normal(&self, first: &First) -> DVec3;
+    /// Returns the normal of a surface that the ray which was walked last met, or the unit vector in which the density
+    /// falls at its collision; 0 where it is constant.
+    fn normal(&self, primary: &Self::Primary, first: &First) -> DVec3;
 
     /// Returns the number of events since the last call.
     fn take_counts(scratch: &mut Self::Scratch) -> Counts;

@@ -94,6 +94,9 @@ pub struct Shutter {
     pub start: DMat4,
     /// Camera-to-world motion as the shutter closes.
     pub end: DMat4,
+    /// Times at which the shutter opens and closes, in frames after that of the picture; none where they are unknown,
+    /// so that nothing but the camera moves.
+    pub open: Option<[f64; 2]>,
 }
 
 impl Shutter {
@@ -230,7 +233,7 @@ mod tests {
         let quarter = DMat4::from_rotation_translation(DQuat::from_rotation_z(0.5 * PI), DVec3::new(2.0, 0.0, 4.0));
         let eighth = DMat4::from_rotation_translation(DQuat::from_rotation_z(0.25 * PI), DVec3::new(1.0, 0.0, 2.0));
         assert!(between(DMat4::IDENTITY, quarter, 0.5).abs_diff_eq(eighth, 1e-12));
-        let shutter = Shutter { start: DMat4::IDENTITY, end: quarter };
+        let shutter = Shutter { start: DMat4::IDENTITY, end: quarter, open: None };
         assert!(shutter.at(eighth, 0.25).abs_diff_eq(between(DMat4::IDENTITY, quarter, 0.25), 1e-12));
         for (time, expected) in [(0.0, DMat4::IDENTITY), (0.5, eighth), (1.0, quarter)] {
             assert!(shutter.at(eighth, time).abs_diff_eq(expected, 1e-12), "{time}");

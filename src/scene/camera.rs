@@ -182,7 +182,7 @@ impl Camera {
         let shutter = self.blur.shutter.map(|shutter| shutter.at(self.camera_to_world, time));
         let camera_to_world = shutter.unwrap_or(self.camera_to_world);
         let Some((point, focus)) = self.blur.point(aperture) else {
-            return Self { camera_to_world, ..*self }.ray(x, y);
+            return Ray { time, ..Self { camera_to_world, ..*self }.ray(x, y) };
         };
         let plane = DVec2::new((x - self.centre.x) / self.focal.x, (self.centre.y - y) / self.focal.y);
         let (from, sharp) = match self.projection {
@@ -190,10 +190,8 @@ impl Camera {
             Projection::Orthographic => (plane + point, plane),
         };
         let along = ((sharp - from) / focus).extend(-1.0);
-        Ray::new(
-            camera_to_world.transform_point3(from.extend(0.0) + self.near * along),
-            camera_to_world.transform_vector3(along.normalize()),
-        )
+        let origin = camera_to_world.transform_point3(from.extend(0.0) + self.near * along);
+        Ray { time, ..Ray::new(origin, camera_to_world.transform_vector3(along.normalize())) }
     }
 
     /// Derivatives of a loss with respect to the camera, from those with respect to the origin and direction of the
@@ -359,14 +357,15 @@ mod tests {
     fn a_camera_moves_while_its_shutter_is_open() {
         let still = camera(Projection::Perspective).checked().unwrap();
         let moved = |x: f64| DMat4::from_translation(DVec3::new(x, 0.0, 0.0)) * still.camera_to_world;
-        let shutter = Some(Shutter { start: moved(-1.0), end: moved(1.0) });
+        let shutter = Some(Shutter { start: moved(-1.0), end: moved(1.0), open: None });
         let c = Camera { blur: Blur { aperture: None, shutter }, ..still }.checked().unwrap();
         for (time, x) in [(0.0, -1.0), (0.25, -0.5), (0.5, 0.0), (0.75, 0.5)] {
             let (ray, expected) = (c.blurred_ray([5.5, 7.5], [0.0; 2], time), still.ray(5.5, 7.5));
             assert!(ray.origin.abs_diff_eq(expected.origin + DVec3::new(x, 0.0, 0.0), 1e-12), "{time}");
             assert!(ray.direction.abs_diff_eq(expected.direction, 1e-12), "{time}");
         }
-        let sheared = Shutter { start: moved(0.0), end: DMat4::from_scale(DVec3::new(1.0, 1.0, 2.0)) * moved(0.0) };
+        let sheared =
+            Shutter { start: moved(0.0), end: DMat4::from_scale(DVec3::new(1.0, 1.0, 2.0)) * moved(0.0), open: None };
         let c = Camera { blur: Blur { aperture: None, shutter: Some(sheared) }, ..still };
         assert!(c.checked().unwrap_err().to_string().contains("shutter"));
     }

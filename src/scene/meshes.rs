@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::scene::light::Arrival;
 use crate::scene::surfaces::Surfaces;
-use glam::{DVec3, Vec3};
+use glam::{DMat4, DVec3, Vec3};
 
 /// What surfaces do with light; the same on both sides.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,8 +47,9 @@ impl Material {
 #[derive(Debug)]
 pub struct Meshes {
     surfaces: Surfaces,
+    /// Materials of the meshes.
     materials: Vec<Material>,
-    /// Numbers of the materials of the triangles, in the order of the tree.
+    /// Numbers of the meshes of the triangles, in the order of the tree.
     material_of: Vec<u32>,
     /// Triangles that emit, in the order in which they were given, with the power of all up to each: areas times the
     /// mean of the channels.
@@ -105,6 +106,26 @@ impl Meshes {
         // Triangles without area have no power together.
         let emitting = if emitting.last().is_some_and(|(_, power)| *power > 0.0) { emitting } else { Vec::new() };
         Ok(Self { surfaces, materials, material_of, emitting })
+    }
+
+    /// Returns the meshes, some of which, by their numbers, are moved by maps.
+    ///
+    /// # Errors
+    /// If a coordinate is not finite then.
+    pub(crate) fn moved(&self, maps: &[(usize, DMat4)]) -> Result<Self> {
+        let mut all: Vec<(Vec<[DVec3; 3]>, Material)> =
+            self.materials.iter().map(|material| (Vec::new(), *material)).collect();
+        // Each mesh has a material of its own, and its triangles keep their order.
+        let mut places: Vec<usize> = (0..self.count()).collect();
+        places.sort_unstable_by_key(|place| self.surfaces.numbers()[*place]);
+        for place in places {
+            let mesh = self.material_of[place] as usize;
+            let [corner, u, v] = *self.surfaces.triangle(place);
+            let corners = [corner, corner + u, corner + v];
+            let map = maps.iter().find(|(number, _)| *number == mesh);
+            all[mesh].0.push(map.map_or(corners, |(_, map)| corners.map(|at| map.transform_point3(at))));
+        }
+        Self::new(&all)
     }
 
     /// Returns the point at which a ray of unit direction meets the nearest surface, before its far end.

@@ -24,6 +24,8 @@ pub mod lens;
 pub mod light;
 pub mod medium;
 pub mod meshes;
+mod moments;
+pub mod motion;
 pub mod neighbours;
 pub mod orbit;
 mod outline;

@@ -6,6 +6,7 @@ use crate::scene::capture::Capture;
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
 use crate::scene::meshes::Meshes;
+use crate::scene::motion::Motion;
 use crate::scene::velocity::Velocity;
 use crate::scene::volume::{Grids, Volume};
 use std::sync::Arc;
@@ -23,8 +24,13 @@ pub struct Scene {
     pub meshes: Option<Arc<Meshes>>,
     /// Velocities of volumes, by the volume's number.
     pub velocities: Vec<(usize, Velocity)>,
+    /// Motions of volumes and meshes while the shutter is open.
+    pub motions: Vec<Motion>,
     /// Cameras, one for each picture.
     pub cameras: Vec<Camera>,
+    /// The scene at times that are evenly spread over that in which the shutter is open; none if it stands still. Its
+    /// own volumes are those of the frame.
+    pub moments: Vec<Scene>,
 }
 
 impl Scene {
@@ -39,7 +45,9 @@ impl Scene {
             lights: Vec::new(),
             meshes: None,
             velocities: Vec::new(),
+            motions: Vec::new(),
             cameras: capture.frames.iter().map(|frame| frame.camera).collect(),
+            moments: Vec::new(),
         })
     }
 }

@@ -153,7 +153,7 @@ fn run(page: &str) -> usize {
     let mut count = 0;
     for fence in fences(&text) {
         match &*fence.info {
-            [kind, name] if ["json", "usda", "python"].contains(&kind.as_str()) => {
+            [kind, name] if ["json", "usda", "python", "obj"].contains(&kind.as_str()) => {
                 std::fs::write(work.path(name), fence.lines.join("\n")).unwrap()
             }
             [kind] if kind == "sh" => {

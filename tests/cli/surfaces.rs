@@ -152,6 +152,31 @@ fn subsets_and_moving_points_are_read() {
     }
 }
 
+/// A stage that is written of a scene file shows its meshes, sequences of them as well.
+#[test]
+fn stages_that_are_written_have_the_meshes() {
+    let (work, scene) = prepared();
+    for frame in [1, 2] {
+        let rows = 9 + frame;
+        write_ply(&work.path(&format!("prop.{frame:04}.ply")), &ball(DVec3::new(0.0, 0.0, 0.125), 0.4, rows));
+    }
+    let mut scene = but(&scene, "/meshes/1/file", json!("prop.####.ply"));
+    scene["meshes"][0]["holdout"] = json!(true);
+    // What a stage says of a sun's direction is rounded otherwise.
+    scene["lights"] = json!([scene["lights"][1]]);
+    write(&work, "scene.json", &scene);
+    let report = work.json("usd author scene.json -o stage.usda");
+    assert_eq!((&report["meshes"], &report["frames"]), (&json!(2), &json!([1, 2])));
+    work.json(&format!("render scene.json {OPTIONS} --frames 1-2 -o scene"));
+    work.json(&format!("render stage.usda {OPTIONS} --frames 1-2 -o stage"));
+    for name in ["frame.0001.exr", "frame.0002.exr"] {
+        let (a, b) = (work.picture(&format!("scene/{name}")), work.picture(&format!("stage/{name}")));
+        let pairs = a.rgba.iter().flatten().zip(b.rgba.iter().flatten());
+        let off = pairs.filter(|(a, b)| (*a - *b).abs() > 1e-3).count();
+        assert!(off < 20, "{name}: {off} of {}", 4 * a.rgba.len());
+    }
+}
+
 /// Meshes may be a sequence; pictures have the same bits for any number of threads; plans name surfaces, and leave
 /// nothing out among them.
 #[test]
@@ -179,7 +204,7 @@ fn sequences_and_plans_know_meshes() {
     let lit = work.picture("dark.exr").rgba.iter().filter(|rgba| rgba[0] > 0.2).count();
     assert!(lit > 100, "{lit}");
     // Error targets, denoising and planes.
-    let report = work.json(&format!("render scene.json --cameras camera.json --target-error 0.05 -o target.exr"));
+    let report = work.json("render scene.json --cameras camera.json --target-error 0.05 -o target.exr");
     assert!(report["accuracy"].is_object() || report["target"].is_object(), "{report}");
     work.json("render scene.json --cameras camera.json --samples 16 --denoise -o denoised.exr");
 }
@@ -241,4 +266,92 @@ fn meshes_that_cannot_be_are_refused() {
         std::fs::write(work.path("stage.usda"), format!("#usda 1.0\n{}", stage(shape, ""))).unwrap();
         work.refused(&format!("render stage.usda {OPTIONS} -o x.exr"), Code::Invalid, &words);
     }
+}
+
+/// While the shutter is open objects go from their place at its beginning to that at its end: a picture is the mean of
+/// sharp ones on the way, and alike for any number of threads.
+#[test]
+fn objects_move_while_the_shutter_is_open() {
+    let (work, scene) = prepared();
+    let at = |x: f64| json!([[1, 0, 0, x], [0, 1, 0, 0.5], [0, 0, 1, 0.75], [0, 0, 0, 1]]);
+    let mut moving = scene.clone();
+    let mesh = &mut moving["meshes"][1];
+    (mesh["transform_start"], mesh["transform_end"]) = (at(1.0), at(2.0));
+    let volume = &mut moving["volumes"][0];
+    let up = |z: f64| json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, z], [0, 0, 0, 1]]);
+    (volume["transform_start"], volume["transform_end"]) = (up(-0.4), up(0.4));
+    write(&work, "moving.json", &moving);
+    let blurred = "--cameras camera.json --samples 256 --frames 1 --shutter 0.5";
+    work.json(&format!("render moving.json {blurred} --threads 1 -o blurred"));
+    work.json(&format!("render moving.json {blurred} --threads 2 -o again"));
+    let picture = |folder: &str| work.picture(&format!("{folder}/frame.0001.exr"));
+    assert_eq!(picture("blurred"), picture("again"));
+    let mut mean = vec![[0.0_f64; 4]; 24 * 20];
+    let steps = 32;
+    for step in 0..steps {
+        let share = (f64::from(step) + 0.5) / f64::from(steps);
+        let still = but(&scene, "/meshes/1/transform", at(1.0 + share));
+        let mut still = still.clone();
+        still["volumes"][0]["transform"] = up(-0.4 + 0.8 * share);
+        write(&work, "still.json", &still);
+        work.json(&format!(
+            "render still.json --cameras camera.json --samples 16 --seed {step} -o still.exr --overwrite"
+        ));
+        for (sum, rgba) in mean.iter_mut().zip(&work.picture("still.exr").rgba) {
+            sum.iter_mut().zip(rgba).for_each(|(sum, v)| *sum += f64::from(*v) / f64::from(steps));
+        }
+    }
+    work.json(&format!("render scene.json {blurred} -o sharp"));
+    let off = |film: &cumulo::scene::film::Film| {
+        let pairs = film.rgba.iter().flatten().zip(mean.iter().flatten());
+        (pairs.map(|(a, b)| (f64::from(*a) - b).powi(2)).sum::<f64>() / (4.0 * mean.len() as f64)).sqrt()
+    };
+    let (found, sharp) = (off(&picture("blurred")), off(&picture("sharp")));
+    println!("off by {found:.4}, and without motion by {sharp:.4}");
+    assert!(found < 0.03 && sharp > 3.0 * found, "{found} {sharp}");
+    for (key, words) in [("transform_end", "transform_start"), ("transform_start", "transform_end")] {
+        let mut half = moving.clone();
+        half["meshes"][1].as_object_mut().unwrap().remove(key);
+        write(&work, "half.json", &half);
+        work.refused(&format!("render half.json {blurred} -o x"), Code::Invalid, &["mesh 1", words]);
+    }
+}
+
+/// Volumes go with their velocities while the shutter is open: an even wind is a camera that goes the other way.
+#[test]
+fn volumes_go_with_their_velocities() {
+    let work = Work::new();
+    let matrix = |x: f64| json!([[1, 0, 0, 1.0 + x], [0, 1, 0, 1.0], [0, 0, 1, 5.0], [0, 0, 0, 1]]);
+    let camera = |name: &str, way: f64| {
+        let frame = json!({"file_path": "view.exr", "transform_matrix": matrix(0.0), "shutter_open": -0.5,
+            "transform_matrix_start": matrix(-way), "transform_matrix_end": matrix(way), "shutter_close": 0.5});
+        let camera = json!({"w": 24, "h": 20, "fl_x": 30.0, "near": 0.0, "frames": [frame]});
+        std::fs::write(work.path(name), camera.to_string()).unwrap();
+    };
+    camera("still.json", 0.0);
+    camera("moving.json", -0.3);
+    crate::common::grids::write_wind(&work.path("wind.vdb"), [14.4, 0.0, 0.0]);
+    let medium = json!({"density_scale": 3, "albedo": [0.9, 0.9, 0.9]});
+    let scene = |velocity: bool| {
+        let mut volume = json!({"file": "wind.vdb", "grid": "density", "medium": medium});
+        if velocity {
+            volume["velocity"] = json!({"grid": "velocity", "fps": 24});
+        }
+        json!({"volumes": [volume], "lights": [{"type": "DistantLight", "direction": [0, 0, 1], "irradiance": [3, 3, 3]}]})
+    };
+    write(&work, "blown.json", &scene(true));
+    write(&work, "calm.json", &scene(false));
+    let render = |scene: &str, camera: &str| {
+        work.json(&format!("render {scene} --cameras {camera} --samples 256 -o x.exr --overwrite"));
+        work.picture("x.exr")
+    };
+    let (blown, other, calm) =
+        (render("blown.json", "still.json"), render("calm.json", "moving.json"), render("calm.json", "still.json"));
+    let off = |a: &cumulo::scene::film::Film, b: &cumulo::scene::film::Film| {
+        let pairs = a.rgba.iter().flatten().zip(b.rgba.iter().flatten());
+        (pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / (4.0 * a.rgba.len() as f64)).sqrt()
+    };
+    let (found, sharp) = (off(&blown, &other), off(&calm, &other));
+    println!("off by {found:.4}, and without velocities by {sharp:.4}");
+    assert!(found < 0.02 && sharp > 4.0 * found, "{found} {sharp}");
 }

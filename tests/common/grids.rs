@@ -1,6 +1,7 @@
 //! Generated volumes.
 
-use cumulo::formats::vdb::{Codec, write_grids};
+use super::work::{density, fixture};
+use cumulo::formats::vdb::{Codec, NativeGrid, RawLeaf, write_grids, write_native};
 use cumulo::math::Affine;
 use cumulo::scene::grid::{Grid, GridClass, Leaf, Tile};
 use glam::DVec3;
@@ -57,4 +58,30 @@ pub fn compact(name: &str, n: i32, seed: u64) -> Grid {
 /// Writes a VDB of these grids.
 pub fn write(path: &Path, grids: &[&Grid]) {
     write_grids(path, grids, &BTreeMap::new(), Codec::Blosc, false).unwrap();
+}
+
+/// Writes the plume with the same velocity in and around all of it, the grid `velocity`.
+pub fn write_wind(path: &Path, speed: [f32; 3]) {
+    let plume = density(&fixture("plume.vdb"));
+    let ends = |axis: usize| {
+        let places = plume.leaves.iter().map(|leaf| leaf.origin[axis]);
+        places.fold([i32::MAX, i32::MIN], |[low, high], at| [low.min(at), high.max(at)])
+    };
+    let along = |axis: usize| {
+        let [low, high] = ends(axis);
+        (low - 24..=high + 24).step_by(8)
+    };
+    let mut leaves = Vec::new();
+    for x in along(0) {
+        for y in along(1) {
+            leaves.extend(along(2).map(|z| RawLeaf {
+                origin: [x, y, z],
+                values: std::iter::repeat_n(speed, 512).flatten().collect(),
+                active: [u64::MAX; 8],
+            }));
+        }
+    }
+    let wind = NativeGrid::from_vectors("velocity", GridClass::Unknown, &plume.transform, &leaves).unwrap();
+    let plume = NativeGrid::from_grid(&plume).unwrap();
+    write_native(path, &[&plume, &wind], None, &BTreeMap::new(), Codec::Blosc).unwrap();
 }

@@ -20,7 +20,10 @@ fn blur(view: i32) -> Blur {
     let moved = |by: f64| DMat4::from_rotation_translation(DQuat::from_rotation_x(by), DVec3::splat(by / 3.0));
     match view {
         1 => Blur { aperture: Some(disc), shutter: None },
-        2 => Blur { aperture: None, shutter: Some(Shutter { start: moved(-0.1), end: moved(0.2) }) },
+        2 => Blur {
+            aperture: None,
+            shutter: Some(Shutter { start: moved(-0.1), end: moved(0.2), open: Some([-0.1, 0.2]) }),
+        },
         4 => Blur { aperture: Some(Aperture { blades: 5, rotation: 0.1, ratio: 1.3, ..disc }), ..blur(2) },
         _ => Blur::default(),
     }

@@ -19,7 +19,7 @@ from ..cycles.views import finish
 from .cameras import far_complaint, sees
 from .lights import light_entry
 from .refusal import Complaint, Complaints, named
-from .shutter import blurred_camera
+from .shutter import blurred_camera, goes_with_velocities, keyed
 from .surfaces import Surfaces
 from .visible import SURFACES, placed_objects
 from .volumes import check_handedness, inside_complaint, lattice_of, shows_nothing, vdb_of, volume_entry
@@ -130,21 +130,21 @@ def describe(folder, scene=None, ignore=False, worlds=None, surfaces=None):
     scene, complaints = scene or bpy.context.scene, Complaints(ignore)
     for complaint in _complaints_of(scene):
         complaints.add(complaint)
-    camera, placed = None, ()
+    camera, placed, motions = None, (), {}
     with complaints.gathered():
-        camera = blurred_camera(scene, complaints)
+        camera, motions = blurred_camera(scene, complaints)
     with complaints.gathered():
         placed = placed_objects(scene, complaints)
     fps = scene.render.fps / scene.render.fps_base
     volumes, lights, meshes, count = [], [], [], 0
     surfaces = surfaces or Surfaces(folder)
-    for each in placed:
+    for key, each in keyed(placed):
         with complaints.gathered():
             if each.object.type in SURFACES:
                 if complaint := inside_complaint(each.object):
                     complaints.add(complaint)
                 else:
-                    meshes += surfaces.entries(each, complaints)
+                    meshes += [entry | _motion(motions.get(key)) for entry in surfaces.entries(each, complaints)]
             elif each.object.type == "LIGHT":
                 if entry := light_entry(each, complaints):
                     if camera and (complaint := _seen_complaint(each.object, entry, camera)):
@@ -157,7 +157,9 @@ def describe(folder, scene=None, ignore=False, worlds=None, surfaces=None):
                 check_handedness(each, lattice)
                 if camera and (complaint := far_complaint(scene, camera, padding.world_box(lattice, box))):
                     complaints.add(complaint)
-                volumes.append(entry)
+                if scene.render.use_motion_blur and not goes_with_velocities(each.object):
+                    entry.pop("velocity", None)
+                volumes.append(entry | _motion(motions.get(key)))
     # A volume that is not evaluated is complained about already.
     if not (count or complaints.stops):
         complaints.add(
@@ -178,6 +180,13 @@ def describe(folder, scene=None, ignore=False, worlds=None, surfaces=None):
     complaints.settle()
     with_meshes = {"meshes": meshes} if meshes else {}
     return {"volumes": volumes, "lights": lights} | with_meshes, camera, complaints.left_out
+
+
+def _motion(matrices):
+    """Keys of an entry of a scene file for the motion of an object: matrices as the shutter opens, in the middle and as it
+    closes, or None."""
+    names = ("transform_start", "transform", "transform_end")
+    return {name: matrix.tolist() for name, matrix in zip(names, matrices)} if matrices else {}
 
 
 def _complaints_of(scene):

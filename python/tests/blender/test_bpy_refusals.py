@@ -82,12 +82,12 @@ def rolling_shutter(scene):
     scene.render.use_motion_blur, scene.cycles.rolling_shutter_type = True, "TOP"
 
 
-def moving_smoke(scene):
+def moving_sun(scene):
     scene.render.use_motion_blur = True
-    smoke = scene.objects["Smoke"]
+    sun = scene.objects["Sun"]
     for frame in (0, 2):
-        smoke.location.x = 0.1 * frame
-        smoke.keyframe_insert("location", frame=frame)
+        sun.location.x = 0.1 * frame
+        sun.keyframe_insert("location", frame=frame)
 
 
 def mirror(scene):
@@ -329,7 +329,7 @@ REFUSED = {
     "focus on a bone": (focus_on_a_bone, ["camera 'Camera'", "bone 'Hand'"]),
     "a clip end": (attribute("camera.data.clip_end", 3.0), ["camera 'Camera'", "clip end 3"]),
     "a rolling shutter": (rolling_shutter, ["scene 'Scene'", "rolling shutter"]),
-    "a volume that moves while the shutter is open": (moving_smoke, ["object 'Smoke'", "it moves while"]),
+    "a light that moves while the shutter is open": (moving_sun, ["object 'Sun'", "it moves while"]),
     "a border": (attribute("render.use_border", True), ["scene 'Scene'", "border"]),
     "film exposure": (attribute("cycles.film_exposure", 2.0), ["scene 'Scene'", "exposure"]),
     "simplification": (simplified, ["scene 'Scene'", "Simplify"]),

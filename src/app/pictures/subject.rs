@@ -130,7 +130,7 @@ impl PictureSettings {
                     scene_file::load_within(&self.input, self.frame, limits)?
                 }
             };
-            let LoadedScene { volumes, lights, environment, meshes, files, moving, remarks } = loaded;
+            let LoadedScene { volumes, lights, environment, meshes, motions, files, moving, remarks } = loaded;
             provenance.files([&self.input].into_iter().chain(&files).map(PathBuf::as_path))?;
             let mut velocities = Vec::new();
             let volume = |(number, read): (usize, SceneVolume)| {
@@ -146,7 +146,7 @@ impl PictureSettings {
             let volumes = volumes.into_iter().enumerate().map(volume).collect::<Result<_>>()?;
             let meshes = (!meshes.is_empty()).then(|| Meshes::new(&meshes).map(Arc::new)).transpose();
             let meshes = meshes.map_err(|e| e.at(&self.input))?;
-            let scene = Scene { volumes, lights, environment, meshes, velocities, cameras: Vec::new() };
+            let scene = Scene { volumes, lights, environment, meshes, velocities, motions, ..Scene::default() };
             return Ok((Subject::Scene { scene, moving, remarks }, None));
         }
         let (grids, function) = self.grids(template, limits)?;

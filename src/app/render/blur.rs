@@ -94,12 +94,17 @@ impl BlurSettings {
         Ok(Camera { blur: Blur { aperture, shutter }.checked()?, ..camera })
     }
 
-    /// Returns the cameras of frames, each between those of the frames before and after, with their blur.
+    /// Returns the cameras of frames, each between those of the frames before and after, with their blur. `moves` is
+    /// true of scenes in which more than the camera may move.
     ///
     /// # Errors
     /// If no distance of focus is known, since that of frames must not follow the volumes, or cameras mirror each
     /// other.
-    pub(super) fn of_frames(&self, cameras: Vec<[Camera; 3]>, between: Between) -> Result<Vec<[Camera; 3]>> {
+    pub(super) fn of_frames(
+        &self,
+        cameras: Vec<[Camera; 3]>,
+        (between, moves): (Between, bool),
+    ) -> Result<Vec<[Camera; 3]>> {
         let frame = |[before, camera, after]: [Camera; 3]| {
             let Camera { blur: Blur { aperture, shutter }, .. } = self.of_view(camera, || None)?;
             let towards = |beside: Camera, half: f64| {
@@ -112,8 +117,12 @@ impl BlurSettings {
             };
             let at_rest = [before, after].iter().all(|beside| beside.camera_to_world == camera.camera_to_world);
             let shutter = match self.shutter {
-                Some(time) if time == 0.0 || at_rest => None,
-                Some(time) => Some(Shutter { start: towards(before, 0.5 * time)?, end: towards(after, 0.5 * time)? }),
+                Some(time) if time == 0.0 || (at_rest && !moves) => None,
+                Some(time) => {
+                    let half = 0.5 * time;
+                    let [start, end] = [towards(before, half)?, towards(after, half)?];
+                    Some(Shutter { start, end, open: Some([-half, half]) })
+                }
                 None => shutter,
             };
             let blur = Blur { aperture, shutter };

@@ -29,6 +29,7 @@ use crate::app::up::ChosenUp;
 use crate::app::volume;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
+use crate::formats::format::{FileKind, Format};
 use crate::formats::png::ToneMapping;
 use crate::formats::sequence::{Frames, Pattern, number_of};
 use crate::formats::vdb::velocity;
@@ -227,11 +228,17 @@ impl RenderSettings {
             Ok([before?, camera?, after?])
         };
         let cameras = between(template, path, numbers, self.camera_offset)?.into_iter().map(cropped);
-        self.blur.of_frames(cameras.collect::<Result<_>>()?, blur::between)
+        self.blur.of_frames(cameras.collect::<Result<_>>()?, (blur::between, self.may_move()))
     }
 }
 
 impl RenderSettings {
+    /// True if more than the camera may move: what states velocities, or may.
+    pub(super) fn may_move(&self) -> bool {
+        let states = |format: &Format| matches!(format.kind, FileKind::Capture | FileKind::Usd);
+        self.velocity.is_some() || volume::format_of(&self.pictures.input).is_ok_and(states)
+    }
+
     /// Returns what is to be said of frames beside which a moving camera is not known.
     fn gaps(&self, template: &Capture, numbers: &[u32]) -> Option<String> {
         self.blur.shutter.filter(|time| *time > 0.0 && template.frames.len() > 1)?;
@@ -426,10 +433,14 @@ impl Sequence<'_> {
             let (file, fps) = (volume::open(&pictures.input, &pictures.scan, limits)?, self.render.fps);
             scene.velocities = vec![(0, velocity::read(&file, name, fps, limits.max_memory)?)];
         }
+        let open = self.open(place);
+        if let Some(open) = open {
+            scene.opened(open, limits.max_memory).map_err(|e| e.at(&pictures.input))?;
+        }
         let (scene, plan) = self.render.planned(&pictures, scene, paths, context)?;
         plan.iter().for_each(|plan| context.detail(Chosen(plan)));
         let focus = self.pictures.focus(&scene);
-        Ok(Shot { capture, scales, scene, focus, colors, plan, provenance, paths, moving })
+        Ok(Shot { capture, scales, scene, open, focus, colors, plan, provenance, paths, moving })
     }
 
     /// Remarks on depths that may have been meant otherwise, on what stands for all frames once.
@@ -441,6 +452,11 @@ impl Sequence<'_> {
                 context.note(format!("remark: {remark}"));
             }
         }
+    }
+
+    /// Returns the times at which the shutter of a frame opens and closes, if they are known.
+    fn open(&self, place: usize) -> Option<[f64; 2]> {
+        self.camera(place).blur.shutter.and_then(|shutter| shutter.open)
     }
 
     pub(super) fn camera(&self, place: usize) -> Camera {
@@ -457,7 +473,7 @@ impl Sequence<'_> {
     ) -> Result<(Counts, Option<PictureError>)> {
         let turn = self.deadline.next();
         let shot = match self.shot.take() {
-            Some(shot) if !shot.moving => shot,
+            Some(shot) if !shot.moving && shot.open == self.open(place) => shot,
             _ => Arc::new(self.shot(place, number, context)?),
         };
         let shot = Arc::clone(self.shot.insert(shot));

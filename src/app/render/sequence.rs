@@ -39,6 +39,8 @@ pub(super) struct Shot {
     pub provenance: Provenance,
     /// True if paths were asked for.
     pub paths: bool,
+    /// Times at which the shutter opens and closes, in frames after that of the picture, if they are known.
+    pub open: Option<[f64; 2]>,
     /// True if another frame shows other volumes.
     pub moving: bool,
 }

@@ -51,10 +51,11 @@ impl Sequence<'_> {
     pub(super) fn at_frames(&self, placed: &[Camera], numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
         let (Some(first), Some(turn)) = (placed.first(), self.render.orbit) else {
             let only = placed.first().map_or_else(Vec::new, |only| vec![[*only; 3]; numbers.len()]);
-            return self.render.blur.of_frames(only, blur::between);
+            return self.render.blur.of_frames(only, (blur::between, self.render.may_move()));
         };
         let at = |number: i64| placed.get(number.rem_euclid(i64::from(turn)) as usize).unwrap_or(first);
         let between = |number: &u32| [-1, 0, 1].map(|beside| *at(i64::from(*number) + beside));
-        self.render.blur.of_frames(numbers.iter().map(between).collect(), blur::between_on_arc)
+        let cameras = numbers.iter().map(between).collect();
+        self.render.blur.of_frames(cameras, (blur::between_on_arc, self.render.may_move()))
     }
 }

@@ -316,7 +316,13 @@ impl Views<'_> {
             folder.make_folder(path)?;
         }
         left.iter().take(1).try_for_each(|place| atomic::probe(&self.capture.frames[*place].picture))?;
-        let scene = pictures.scene(&self.capture, subject).map_err(|e| e.at(&pictures.input))?;
+        let mut scene = pictures.scene(&self.capture, subject).map_err(|e| e.at(&pictures.input))?;
+        let mut open = scene.cameras.iter().map(|camera| camera.blur.shutter.and_then(|shutter| shutter.open));
+        // Views whose shutters differ have no moments in common.
+        let common = open.next().flatten().filter(|first| open.all(|other| other == Some(*first)));
+        if let Some(common) = common {
+            scene.opened(common, pictures.limits.max_memory).map_err(|e| e.at(&pictures.input))?;
+        }
         let (scene, plan) = settings.planned(pictures, scene, paths, context)?;
         plan.iter().for_each(|plan| context.detail(Chosen(plan)));
         let renderer = settings

@@ -1,6 +1,6 @@
 //! Reading of scene files. Every fault names the volume or light, and the key.
 
-use super::{LightEntry, MediumEntry, MeshEntry, SceneFile, VelocityEntry, VolumeEntry};
+use super::{LightEntry, MediumEntry, MeshEntry, SceneFile, VelocityEntry, VolumeEntry, motion};
 use crate::error::{Code, Error, Result};
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
@@ -17,6 +17,7 @@ use crate::scene::grid::Grid;
 use crate::scene::light::Light;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::meshes::Material;
+use crate::scene::motion::{Motion, Object};
 use crate::scene::surfaces::TRIANGLE_BYTES;
 use crate::scene::transfer::Transfer;
 use crate::scene::velocity::Velocity;
@@ -55,6 +56,8 @@ pub struct LoadedScene {
     pub environment: Environment,
     /// Triangles of the meshes in world space, with what they are made of.
     pub meshes: Vec<(Vec<[DVec3; 3]>, Material)>,
+    /// Motions of volumes and meshes while the shutter is open.
+    pub motions: Vec<Motion>,
     /// Files that were read beside the scene file.
     pub files: Vec<PathBuf>,
     /// True if a volume or a mesh is a sequence.
@@ -125,7 +128,13 @@ pub(crate) fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Re
         Ok(SceneVolume { path: vdb, grid, transfer, medium, emissions, velocity })
     };
     scene.volumes = file.volumes.iter().enumerate().map(&mut volume).collect::<Result<Vec<_>>>()?;
+    for (i, entry) in file.volumes.iter().enumerate() {
+        let maps = [entry.transform_start, entry.transform, entry.transform_end];
+        scene.motions.extend(motion(Object::Volume(i), maps).map_err(part(format!("volume {i}")))?);
+    }
     for (i, entry) in file.meshes.iter().enumerate() {
+        let maps = [entry.transform_start, entry.transform, entry.transform_end];
+        scene.motions.extend(motion(Object::Mesh(i), maps).map_err(part(format!("mesh {i}")))?);
         scene.mesh(entry, (folder, frame), limits).map_err(|e| match e.path() {
             Some(_) => e,
             None => part(format!("mesh {i}"))(e),

@@ -17,7 +17,7 @@ mod load;
 pub use load::{LoadedScene, medium, read};
 pub(crate) use load::{SceneVolume, environment_map, load_within};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::Affine;
 use crate::scene::albedo::TransferColor;
 use crate::scene::cone::Cone;
@@ -25,6 +25,7 @@ use crate::scene::emission::Emission;
 use crate::scene::light::Light;
 use crate::scene::medium::{Scattering, Specular};
 use crate::scene::meshes::Material;
+use crate::scene::motion::{Motion, Object};
 use crate::scene::phase::Phase;
 use glam::{DMat4, DVec3, Vec3};
 use schemars::JsonSchema;
@@ -61,6 +62,10 @@ pub struct VolumeEntry {
     /// Matrix from the space of the VDB file to the world, row by row, for column vectors; without one that space is
     /// the world. It moves velocities, too. The medium stays in terms of world lengths.
     pub transform: Option<[[f64; 4]; 4]>,
+    /// This matrix as the shutter of the camera opens, and as it closes; without them the volume does not move.
+    pub transform_start: Option<[[f64; 4]; 4]>,
+    /// As `transform_start`.
+    pub transform_end: Option<[[f64; 4]; 4]>,
     /// Medium of the volume.
     #[serde(default)]
     pub medium: MediumEntry,
@@ -77,6 +82,10 @@ pub struct MeshEntry {
     /// Matrix from the space of the file to the world, row by row, for column vectors; without one that space is the
     /// world.
     pub transform: Option<[[f64; 4]; 4]>,
+    /// This matrix as the shutter of the camera opens, and as it closes; without them the mesh does not move.
+    pub transform_start: Option<[[f64; 4]; 4]>,
+    /// As `transform_start`.
+    pub transform_end: Option<[[f64; 4]; 4]>,
     /// Share of the light that is reflected, evenly to all sides, in red, green and blue: 0 to 1.
     #[serde(default = "light_grey")]
     pub albedo: [f32; 3],
@@ -121,6 +130,24 @@ impl VolumeEntry {
     /// If it cannot be inverted.
     pub fn placement(&self) -> Result<Option<Affine>> {
         self.transform.map(|rows| Affine::new(DMat4::from_cols_array_2d(&rows).transpose())).transpose()
+    }
+}
+
+/// Returns the motion of an object by its matrices, row by row, as the shutter opens, halfway and as it closes; `None`
+/// for an object at rest.
+///
+/// # Errors
+/// If one of both ends alone is stated, or a matrix cannot be inverted.
+fn motion(object: Object, [start, middle, end]: [Option<[[f64; 4]; 4]>; 3]) -> Result<Option<Motion>> {
+    let map = |rows: [[f64; 4]; 4]| DMat4::from_cols_array_2d(&rows).transpose();
+    match (start, end) {
+        (None, None) => Ok(None),
+        (Some(start), Some(end)) => {
+            let middle = middle.map_or(DMat4::IDENTITY, map);
+            Motion { object, maps: [map(start), middle, map(end)] }.checked().map(Some)
+        }
+        _ => Err(Error::invalid("one of 'transform_start' and 'transform_end' is missing")
+            .hint("state the matrices at both ends of the time in which the shutter is open")),
     }
 }
 

@@ -7,6 +7,8 @@ use serde_json::{Map, Value, json};
 
 /// Keys of the motions as the shutter opens and closes.
 const MOTIONS: [&str; 2] = ["transform_matrix_start", "transform_matrix_end"];
+/// Keys of the times at which it does, in frames after that of the view.
+const TIMES: [&str; 2] = ["shutter_open", "shutter_close"];
 
 /// Returns what blurs a view.
 ///
@@ -41,7 +43,18 @@ fn shutter(keys: &Keys) -> Result<Option<Shutter>> {
     let [start, end] = MOTIONS.map(|key| own.matrix(key));
     match (start?, end?) {
         (None, None) => Ok(None),
-        (Some(start), Some(end)) => Ok(Some(Shutter { start, end })),
+        (Some(start), Some(end)) => {
+            let [open, close] = TIMES.map(|key| own.number(key));
+            let open = match (open?, close?) {
+                (Some(open), Some(close)) if close > open => Some([open, close]),
+                (Some(open), Some(close)) => {
+                    return Err(Error::invalid(format!("a shutter that opens at {open} and closes at {close}"))
+                        .hint("give times in frames after that of the view, the later one as 'shutter_close'"));
+                }
+                _ => None,
+            };
+            Ok(Some(Shutter { start, end, open }))
+        }
         (start, _) => Err(missing(
             if start.is_some() { MOTIONS[1] } else { MOTIONS[0] },
             "the camera-to-world matrix at the other end of the time in which the shutter is open",
@@ -65,7 +78,8 @@ pub(super) fn shared_keys(blur: &Blur) -> Map<String, Value> {
 
 /// Returns the keys of a motion, which are a view's own.
 pub(super) fn own_keys(blur: &Blur) -> Map<String, Value> {
-    let motions = blur.shutter.map(|Shutter { start, end }| [start, end]);
-    let entry = |(key, motion): (&str, _)| (key.to_owned(), rows(motion));
-    motions.into_iter().flat_map(|motions| MOTIONS.into_iter().zip(motions).map(entry)).collect()
+    let Some(Shutter { start, end, open }) = blur.shutter else { return Map::new() };
+    let motions = MOTIONS.into_iter().zip([start, end].map(rows));
+    let times = open.into_iter().flat_map(|open| TIMES.into_iter().zip(open.map(|time| json!(time))));
+    motions.chain(times).map(|(key, value)| (key.to_owned(), value)).collect()
 }

@@ -175,6 +175,7 @@ fn rigid(camera: Camera) -> Result<Camera> {
     let shutter = ends.map(|(stated, checked)| Shutter {
         start: kept(stated.start, checked.start),
         end: kept(stated.end, checked.end),
+        open: stated.open,
     });
     Ok(Camera {
         camera_to_world: kept(camera.camera_to_world, checked.camera_to_world),

@@ -15,6 +15,8 @@
 //!   what is sharp, in world units; `aperture_blades`, `aperture_rotation` and `aperture_ratio` are those of
 //!   [`Aperture`](crate::scene::blur::Aperture).
 //! - `transform_matrix_start`, `transform_matrix_end` (frames only): camera to world as the shutter opens and closes.
+//! - `shutter_open`, `shutter_close` (frames only): times at which it does, in frames after that of the view, by which
+//!   volumes with velocities move.
 //! - `file_path`: picture, relative to the file's folder; a name without suffix is that of the EXR, PNG or JPEG there.
 //! - `mask_path`: picture that is black where the view is not to be used.
 //!

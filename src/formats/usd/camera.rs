@@ -92,6 +92,12 @@ fn pixel_aspect(camera: &Prim, time: f64) -> Result<f64> {
 }
 
 impl Stage {
+    /// True if a volume has velocities by the name of its field.
+    fn is_blown(&self) -> bool {
+        let names = |volume: &Prim| volume.relationships.keys().any(|name| super::volume::is_velocity(name));
+        self.volumes().any(names)
+    }
+
     /// Returns the cameras, in their order.
     pub(crate) fn cameras(&self) -> impl Iterator<Item = &Prim> {
         self.of_type("Camera")
@@ -154,12 +160,14 @@ impl Stage {
             Projection::Perspective => pixels * focal_length,
             Projection::Orthographic => pixels / APERTURE_UNIT,
         };
-        let exposed = exposed(camera, time).filter(|_| self.is_moving(camera));
+        let exposed = exposed(camera, time).filter(|_| self.is_moving(camera) || self.is_blown());
         let at = |shift: f64| self.local_to_world(camera, time + shift);
         // Between keys, matrices are interpolated number by number, which leaves their axes askew.
         let straight = |shift: f64| at(shift).map(straightened);
-        let shutter =
-            exposed.map(|[open, close]| Ok::<_, Error>(Shutter { start: straight(open)?, end: straight(close)? }));
+        let shutter = exposed.map(|[open, close]| {
+            let [start, end] = [straight(open)?, straight(close)?];
+            Ok::<_, Error>(Shutter { start, end, open: Some([open, close]) })
+        });
         let middle = exposed.map_or(0.0, |[open, close]| 0.5 * (open + close));
         let camera_to_world = if middle == 0.0 { at(0.0)? } else { straight(middle)? };
         let view = Camera {

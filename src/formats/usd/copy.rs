@@ -3,6 +3,7 @@
 use super::attribute::Attribute;
 use super::convert;
 use super::inherits::Inherits;
+use super::mesh;
 use super::metadata::{StageMetadata, UpAxis};
 use super::prim::Prim;
 use super::targets::{self, Absent};
@@ -29,9 +30,9 @@ const OF_MESHES: [&str; 8] = [
     "faceVertexIndices",
     "subdivisionScheme",
     "primvars:displayColor",
-    "cumulo:albedo",
-    "cumulo:emission",
-    "cumulo:holdout",
+    mesh::ALBEDO,
+    mesh::EMISSION,
+    mesh::HOLDOUT,
 ];
 /// Attributes of subsets of faces that are kept.
 const OF_SUBSETS: [&str; 2] = ["indices", "elementType"];

@@ -17,6 +17,11 @@ use crate::scene::meshes::Material;
 use glam::Vec3;
 use std::collections::BTreeSet;
 
+/// Names of Cumulo's own attributes.
+pub(super) const ALBEDO: &str = "cumulo:albedo";
+pub(super) const EMISSION: &str = "cumulo:emission";
+pub(super) const HOLDOUT: &str = "cumulo:holdout";
+
 /// Reads the meshes of a stage at a time code into a scene.
 ///
 /// # Errors
@@ -131,13 +136,12 @@ fn parts(mesh: &Mesh, subsets: &Subsets<'_>) -> Vec<(usize, Mesh)> {
 /// # Errors
 /// If one has a value of another kind.
 fn own(prim: &Prim, time: f64) -> Result<Option<Material>> {
-    let [albedo, emission, holdout] =
-        ["cumulo:albedo", "cumulo:emission", "cumulo:holdout"].map(|name| prim.value(name, time));
+    let [albedo, emission, holdout] = [ALBEDO, EMISSION, HOLDOUT].map(|name| prim.value(name, time));
     if albedo.is_none() && emission.is_none() && holdout.is_none() {
         return Ok(None);
     }
     let wrong = |name: &str, expected: &str| {
-        Error::invalid(format!("the attribute 'cumulo:{name}' is not {expected}"))
+        Error::invalid(format!("the attribute '{name}' is not {expected}"))
             .hint("correct its type and value, or remove it")
     };
     let color = |name: &str, value: &Value| {
@@ -146,9 +150,9 @@ fn own(prim: &Prim, time: f64) -> Result<Option<Material>> {
     };
     let usual = Material::default();
     Ok(Some(Material {
-        albedo: albedo.map_or(Ok(usual.albedo), |value| color("albedo", &value))?,
-        emission: emission.map_or(Ok(usual.emission), |value| color("emission", &value))?,
-        holdout: holdout.map_or(Ok(false), |value| value.bool().ok_or_else(|| wrong("holdout", "a truth value")))?,
+        albedo: albedo.map_or(Ok(usual.albedo), |value| color(ALBEDO, &value))?,
+        emission: emission.map_or(Ok(usual.emission), |value| color(EMISSION, &value))?,
+        holdout: holdout.map_or(Ok(false), |value| value.bool().ok_or_else(|| wrong(HOLDOUT, "a truth value")))?,
     }))
 }
 

@@ -59,6 +59,11 @@ impl Field {
     }
 }
 
+/// True of the names of relationships of velocities.
+pub(super) fn is_velocity(relationship: &str) -> bool {
+    relationship.strip_prefix("field:").is_some_and(|name| role(name, "") == Role::Velocity)
+}
+
 /// Returns the role of a field by the name of its relationship, which shaders read it by, else by the name of its grid.
 fn role(name: &str, grid: &str) -> Role {
     let of = |name: &str| match name.to_ascii_lowercase().as_str() {

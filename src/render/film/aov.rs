@@ -1,7 +1,7 @@
 //! Planes that a picture has beside its RGBA (arbitrary output variables).
 
 use super::pixel::Pixel;
-use glam::{DVec2, DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 
 /// An additional plane of a picture, or a layer of planes (arbitrary output variable).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -25,10 +25,10 @@ pub enum Aov {
     Position,
     /// Mean length along the viewing axis to first collisions, as plane `Depth.Z`; 1e10 without any.
     Depth,
-    /// Mean motion of first collisions in the picture, in pixels to the right and upwards, as planes `Vector.X` and
-    /// `.Y` (their place in the frame before, minus that now) and `.Z` and `.W` (their place now, minus that in the
-    /// frame after), as Blender's pass of that name; 0 where no frame is or nothing is met. The volume counts as at
-    /// rest: the camera moves.
+    /// Mean motion in the picture of first collisions, or of surfaces where more is seen of them, in pixels to the
+    /// right and upwards, as planes `Vector.X` and `.Y` (their place in the frame before, minus that now) and `.Z` and
+    /// `.W` (their place now, minus that in the frame after), as Blender's pass of that name; 0 where no frame is or
+    /// nothing is met. Surfaces and volumes without velocities count as at rest: the camera moves.
     Motion,
     /// Number of paths, as plane `Debug Sample Count.X`.
     Samples,
@@ -91,8 +91,7 @@ impl Aov {
                 [depth, 0.0, 0.0, 0.0]
             })],
             Aov::Motion => vec![Layer::new("Vector", &["X", "Y", "Z", "W"], |p, _| {
-                let mean = |sum: DVec2| if p.collided > 0.0 { (sum / p.collided).as_vec2() } else { Vec2::ZERO };
-                let [before, after] = p.motion.map(mean);
+                let [before, after] = p.mean_motion().map(|mean| mean.as_vec2());
                 [before.x, before.y, after.x, after.y]
             })],
             Aov::Samples => vec![Layer::new("Debug Sample Count", &["X"], |_, n| [n as f32, 0.0, 0.0, 0.0])],

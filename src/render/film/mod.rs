@@ -217,7 +217,7 @@ impl<I: Integrator> Shoot<'_, '_, I> {
                 }
                 for first in [&sample.first, &sample.surface].into_iter().flatten() {
                     if planes.normals {
-                        pixel.normal += f64::from(first.share) * integrator.normal(first);
+                        pixel.normal += f64::from(first.share) * integrator.normal(&primary, first);
                     }
                     if planes.motion {
                         pixel.add_motion(first, view.motion(first, place));

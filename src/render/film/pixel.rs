@@ -1,7 +1,7 @@
 //! Sums over the rays and paths of a pixel.
 
 use super::halves::{self, Half};
-use crate::render::integrator::{First, Sample};
+use crate::render::integrator::{First, Met, Sample};
 use crate::scene::camera::Camera;
 use crate::scene::film::Moments;
 use glam::{DVec2, DVec3, DVec4, Vec3};
@@ -23,8 +23,22 @@ pub(super) struct Pixel {
     pub(super) normal: DVec3,
     pub(super) position: DVec3,
     pub(super) depth: f64,
-    /// Motion in the picture.
-    pub(super) motion: [DVec2; 2],
+    /// Motion in the picture of volumes and of surfaces.
+    pub(super) motion: [Moving; 2],
+}
+
+/// Sums of the motion in the picture over what is met first.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Moving {
+    share: f64,
+    moved: [DVec2; 2],
+}
+
+impl Moving {
+    fn add(&mut self, share: f64, moved: [DVec2; 2]) {
+        self.share += share;
+        self.moved.iter_mut().zip(moved).for_each(|(sum, v)| *sum += v);
+    }
 }
 
 impl Pixel {
@@ -43,7 +57,9 @@ impl Pixel {
 
     /// Adds the motion of a first collision, as [`View::motion`](super::View) gives it.
     pub(super) fn add_motion(&mut self, first: &First, moved: [DVec2; 2]) {
-        self.motion.iter_mut().zip(moved).for_each(|(sum, v)| *sum += f64::from(first.share) * v);
+        let share = f64::from(first.share);
+        let kind = usize::from(matches!(first.met, Met::Surface(_)));
+        self.motion[kind].add(share, moved.map(|v| share * v));
     }
 
     /// Adds the mean color of a ray's estimates.
@@ -64,13 +80,21 @@ impl Pixel {
         self.normal += other.normal;
         self.position += other.position;
         self.depth += other.depth;
-        self.motion.iter_mut().zip(other.motion).for_each(|(sum, v)| *sum += v);
+        self.motion.iter_mut().zip(other.motion).for_each(|(sum, of)| sum.add(of.share, of.moved));
     }
 
     /// Returns the mean color and alpha.
     #[inline(always)]
     pub(super) fn rgba(&self) -> [f32; 4] {
         self.rgba.map(|m| m.mean() as f32)
+    }
+
+    /// Returns the mean motion of volumes or of surfaces, whichever of both is seen more: what moves otherwise has no
+    /// motion in common. 0 without any.
+    pub(super) fn mean_motion(&self) -> [DVec2; 2] {
+        let [volumes, surfaces] = self.motion;
+        let Moving { share, moved } = if surfaces.share > volumes.share { surfaces } else { volumes };
+        moved.map(|sum| if share > 0.0 { sum / share } else { DVec2::ZERO })
     }
 
     /// Returns the variances of the mean, as [`halves::both`] does.

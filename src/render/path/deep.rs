@@ -21,16 +21,16 @@ impl DeepIntegrator for PathTracer<'_> {
     type Walked = WalkedRay;
 
     fn reach(&self, ray: &Ray) -> Ray {
-        self.kernel.reach(ray)
+        self.kernels[self.moment(ray)].reach(ray)
     }
 
     fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> WalkedRay {
-        WalkedRay { walked: self.kernel.walk(ray, scratch), last: [0.0; 2] }
+        WalkedRay { walked: self.kernels[self.moment(ray)].walk(ray, scratch), last: [0.0; 2] }
     }
 
     fn slice(&self, (ray, way): (&Ray, &mut WalkedRay), part: [f64; 2], scratch: &mut Scratch) -> Slice {
         let WalkedRay { walked, last } = way;
-        self.kernel.slice((ray, walked.as_ref().map(|walked| (walked, last))), part, scratch)
+        self.kernels[self.moment(ray)].slice((ray, walked.as_ref().map(|walked| (walked, last))), part, scratch)
     }
 
     fn draw(
@@ -41,7 +41,8 @@ impl DeepIntegrator for PathTracer<'_> {
         scratch: &mut Scratch,
         events: &mut Vec<Event>,
     ) {
-        if self.kernel.misses(primary) {
+        let kernel = &self.kernels[primary.moment];
+        if kernel.misses(primary) {
             scratch.counts.paths += 1;
             return;
         }
@@ -51,7 +52,7 @@ impl DeepIntegrator for PathTracer<'_> {
         let sample = self.li(&ray, &primary, sampler, scratch);
         *events = scratch.apart.take().unwrap_or_default();
         if let Some(first) = sample.first {
-            let opacity = if self.kernel.draws_transmittance() { 1.0 } else { 0.0 };
+            let opacity = if kernel.draws_transmittance() { 1.0 } else { 0.0 };
             let scattered = sample.direct + sample.indirect;
             events.push(Event { distance: first.distance, unscattered: sample.unscattered, scattered, opacity });
         }

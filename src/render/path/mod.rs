@@ -72,6 +72,8 @@ pub struct Primary {
     to_end: Option<Vec3>,
     /// Surface that the ray meets.
     surface: Option<SurfacePoint>,
+    /// Number of the moment at which the ray is drawn.
+    moment: usize,
 }
 
 /// How far paths go.
@@ -90,7 +92,9 @@ impl Default for Limits {
 
 /// Path tracer of a scene.
 pub struct PathTracer<'a> {
-    kernel: Box<dyn Kernel + 'a>,
+    /// Kernels of the scene's moments, evenly spread over the time in which the shutter is open; one of a scene at
+    /// rest.
+    kernels: Vec<Box<dyn Kernel + 'a>>,
     lighting: Lighting,
     limits: Limits,
     /// True if media do not emit.
@@ -163,7 +167,7 @@ impl<M: Media> Kernel for M {
 
     fn slice(&self, (ray, way): (&Ray, Option<WalkedDepth<'_>>), part: [f64; 2], scratch: &mut Scratch) -> Slice {
         let [from, to] = part;
-        let own = Ray { origin: ray.at(from), direction: ray.direction, far: to - from };
+        let own = Ray { origin: ray.at(from), far: to - from, ..*ray };
         let depth = match way {
             _ if M::DRAWS => DVec3::ZERO,
             Some((walked, last)) => {
@@ -212,7 +216,11 @@ impl<'a> PathTracer<'a> {
     /// # Errors
     /// If a medium or a light cannot be used, or a volume is pre-shaded.
     pub fn new(scene: &'a Scene) -> Result<Self> {
-        let kernel = kernel::specialised(scene)?;
+        let kernels = match &scene.moments[..] {
+            [] => vec![kernel::specialised(scene)?],
+            moments => moments.iter().map(kernel::specialised).collect::<Result<_>>()?,
+        };
+        let near = |at| kernels[0].extinction(at);
         let scattering: Vec<_> =
             scene.volumes.iter().filter_map(Volume::density).filter(|(_, m)| m.scatters()).collect();
         let pay = scattering.iter().all(|(_, medium)| medium.scattering.as_ref().is_none_or(near_lights::pay));
@@ -224,8 +232,8 @@ impl<'a> PathTracer<'a> {
         } else {
             Aabb::EMPTY
         };
-        let lighting = Lighting::new(&scene.lights, scene.environment.clone(), (bounds, &|at| kernel.extinction(at)))?;
-        Ok(Self { kernel, lighting, limits: Limits::default(), dark: false, arch: Arch::default() })
+        let lighting = Lighting::new(&scene.lights, scene.environment.clone(), (bounds, &near))?;
+        Ok(Self { kernels, lighting, limits: Limits::default(), dark: false, arch: Arch::default() })
     }
 
     /// Uses the kernel that serves any number of volumes of one extinction for all channels, for comparison.
@@ -234,7 +242,7 @@ impl<'a> PathTracer<'a> {
     /// As [`PathTracer::new`].
     pub fn generic(scene: &'a Scene) -> Result<Self> {
         let mut tracer = Self::new(scene)?;
-        tracer.kernel = kernel::generic(scene)?;
+        tracer.kernels = vec![kernel::generic(scene)?];
         Ok(tracer)
     }
 
@@ -282,7 +290,14 @@ impl<'a> PathTracer<'a> {
         scratch: &mut Scratch,
     ) -> Sample {
         scratch.counts.paths += 1;
-        self.kernel.trace(self, limits, (ray, primary), sampler, scratch)
+        self.kernels[primary.moment].trace(self, limits, (ray, primary), sampler, scratch)
+    }
+
+    /// Returns the number of the moment at which a camera's ray is drawn.
+    #[inline(always)]
+    fn moment(&self, ray: &Ray) -> usize {
+        let last = self.kernels.len() - 1;
+        ((ray.time * self.kernels.len() as f64) as usize).min(last)
     }
 
     /// Sets the instruction set of the kernels.
@@ -298,7 +313,8 @@ impl Integrator for PathTracer<'_> {
     type Scratch = Scratch;
 
     fn primary(&self, ray: &Ray, scratch: &mut Scratch) -> Primary {
-        self.kernel.primary(ray, scratch)
+        let moment = self.moment(ray);
+        Primary { moment, ..self.kernels[moment].primary(ray, scratch) }
     }
 
     fn li(&self, ray: &Ray, primary: &Primary, sampler: &mut Sampler, scratch: &mut Scratch) -> Sample {
@@ -306,12 +322,12 @@ impl Integrator for PathTracer<'_> {
     }
 
     /// Exact, whatever the paths estimate the transmittance by.
-    fn optical_depth(&self, ray: &Ray, _: &Primary, scratch: &mut Scratch) -> f64 {
-        self.kernel.optical_depth(ray, scratch)
+    fn optical_depth(&self, ray: &Ray, primary: &Primary, scratch: &mut Scratch) -> f64 {
+        self.kernels[primary.moment].optical_depth(ray, scratch)
     }
 
-    fn normal(&self, first: &First) -> DVec3 {
-        self.kernel.normal(first)
+    fn normal(&self, primary: &Primary, first: &First) -> DVec3 {
+        self.kernels[primary.moment].normal(first)
     }
 
     fn take_counts(scratch: &mut Scratch) -> Counts {

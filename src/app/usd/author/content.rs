@@ -6,10 +6,12 @@ use crate::error::{Error, Result};
 use crate::formats::format::FileKind;
 use crate::formats::limits::Limits;
 use crate::formats::registry;
-use crate::formats::scene_file::{self, LightEntry, MediumEntry, SceneFile, VelocityEntry, VolumeEntry};
+use crate::formats::scene_file::{self, LightEntry, MediumEntry, MeshEntry, SceneFile, VelocityEntry, VolumeEntry};
 use crate::formats::transfer::{self, Function, Loaded};
 use crate::math::Affine;
+use crate::scene::meshes::Material;
 use crate::wording::worded;
+use glam::DMat4;
 use std::path::{Path, PathBuf};
 
 /// Name of the part of densities, by which shaders look them up.
@@ -28,9 +30,20 @@ pub(super) struct Source {
     pub transfer: Option<PathBuf>,
 }
 
+/// A mesh by its file or sequence.
+pub(super) struct MeshSource {
+    /// PLY or OBJ file, or pattern of a sequence.
+    pub file: PathBuf,
+    /// Map from the file's space to the stage's.
+    pub placement: Option<DMat4>,
+    pub material: Material,
+}
+
 /// Content of a stage but its cameras.
 pub(super) struct Content {
     pub volumes: Vec<Source>,
+    /// Meshes.
+    pub meshes: Vec<MeshSource>,
     /// Lights, each with its picture.
     pub lights: Vec<(LightEntry, Option<PathBuf>)>,
     /// Parts that were left out of the scene when its file was written, in words.
@@ -83,20 +96,22 @@ impl AuthorSettings {
         let transfer = medium.transfer.clone();
         let parts = self.density.iter().map(|grid| (DENSITY, grid.clone())).collect();
         let volume = Source { file: self.input.clone(), parts, placement: None, medium, transfer };
-        Ok(Content { volumes: vec![volume], lights, left_out: Vec::new() })
+        Ok(Content { volumes: vec![volume], meshes: Vec::new(), lights, left_out: Vec::new() })
     }
 
     fn of_scene_file(&self) -> Result<Content> {
         self.check_alone()?;
         let SceneFile { volumes, lights, meshes, mut left_out } = scene_file::read(&self.input, self.limits)?;
-        left_out.extend(meshes.iter().map(|mesh| format!("the mesh {}", mesh.file.display())));
+        let mut moved = Vec::new();
         let folder = self.input.parent().unwrap_or(Path::new(""));
-        let volume = |(i, entry): (usize, VolumeEntry)| {
+        let mut volume = |(i, entry): (usize, VolumeEntry)| {
             let named = |e: Error| e.part(format!("volume {i}")).at(&self.input);
             let placement = entry.placement().map_err(named)?;
             let parts = parts(&entry);
             // All keys are named, so that a new one is not left out unnoticed.
-            let VolumeEntry { file, grid: _, transform: _, medium, velocity } = entry;
+            let VolumeEntry { file, grid: _, transform: _, transform_start, transform_end: _, medium, velocity } =
+                entry;
+            moved.extend(transform_start.map(|_| format!("the motion of volume {i} while the shutter is open")));
             if let Some(VelocityEntry { grid: _, fps }) = velocity
                 && fps != self.fps
             {
@@ -108,6 +123,11 @@ impl AuthorSettings {
             let transfer = medium.transfer.as_ref().map(|tf| folder.join(tf));
             Ok(Source { file: folder.join(file), parts, placement, medium, transfer })
         };
+        let mesh = |(i, entry): (usize, MeshEntry)| {
+            let placement = entry.transform.map(|rows| DMat4::from_cols_array_2d(&rows).transpose());
+            let material = entry.material().map_err(|e| e.part(format!("mesh {i}")).at(&self.input))?;
+            Ok(MeshSource { file: folder.join(entry.file), placement, material })
+        };
         let light = |entry: LightEntry| match &entry {
             LightEntry::DomeLight { texture: Some(texture), .. } => {
                 let texture = folder.join(texture);
@@ -115,8 +135,13 @@ impl AuthorSettings {
             }
             _ => (entry, None),
         };
+        let volumes = volumes.into_iter().enumerate().map(&mut volume).collect::<Result<_>>()?;
+        let moving = meshes.iter().enumerate().filter(|(_, mesh)| mesh.transform_start.is_some());
+        moved.extend(moving.map(|(i, _)| format!("the motion of mesh {i} while the shutter is open")));
+        left_out.extend(moved);
         Ok(Content {
-            volumes: volumes.into_iter().enumerate().map(volume).collect::<Result<_>>()?,
+            volumes,
+            meshes: meshes.into_iter().enumerate().map(mesh).collect::<Result<_>>()?,
             lights: lights.into_iter().map(light).collect(),
             left_out,
         })

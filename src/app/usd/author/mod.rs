@@ -2,6 +2,7 @@
 
 mod cameras;
 mod content;
+mod meshes;
 mod report;
 mod volumes;
 
@@ -22,6 +23,7 @@ use crate::formats::scene_file::LightEntry;
 use crate::formats::sequence::Frames;
 use crate::formats::usd::write::camera::CameraPrim;
 use crate::formats::usd::write::material::Renderer;
+use crate::formats::usd::write::mesh::MeshPrim;
 use crate::formats::usd::write::names::Names;
 use crate::formats::usd::write::places::relative;
 use crate::formats::usd::write::stage::StageText;
@@ -179,7 +181,7 @@ impl AuthorSettings {
             content.left_out.push(left.into());
         }
         let (mut volumes, mut names) = (Vec::new(), Names::default());
-        ["Lights", "Cameras"].into_iter().for_each(|name| drop(names.take(name)));
+        ["Meshes", "Lights", "Cameras"].into_iter().for_each(|name| drop(names.take(name)));
         for source in &content.volumes {
             let files = volumes::files(source, self.frames)?;
             let bar = context.steps(files.len() as u64, "reading");
@@ -188,6 +190,13 @@ impl AuthorSettings {
             volume.name = names.take(&volume.name);
             volumes.push(volume);
             provenance.input(&source.file, files.iter().map(|(_, path)| path.as_path()))?;
+        }
+        let mut meshes = Vec::new();
+        let mut mesh_names = Names::default();
+        for source in &content.meshes {
+            let (mesh, files) = meshes::mesh(source, self.frames, &mut mesh_names, limits)?;
+            provenance.input(&source.file, files.iter().map(PathBuf::as_path))?;
+            meshes.push(mesh);
         }
         let scene = (content.volumes.iter().all(|v| v.file != self.input)).then(|| self.input.clone());
         let textures = content.lights.iter().filter_map(|(_, texture)| texture.clone());
@@ -202,7 +211,8 @@ impl AuthorSettings {
             .lights
             .into_iter()
             .map(|(light, texture)| Ok((light, texture.map(|path| relative(&path, &self.output)).transpose()?)));
-        let mut stage = self.stage(volumes, lights.collect::<Result<_>>()?, cameras, up.axis, &provenance);
+        let lights = lights.collect::<Result<_>>()?;
+        let mut stage = self.stage((volumes, meshes), lights, cameras, up.axis, &provenance);
         if !content.left_out.is_empty() {
             stage.provenance.insert("left_out".into(), content.left_out.join("\n"));
         }
@@ -229,18 +239,19 @@ impl AuthorSettings {
 
     fn stage(
         &self,
-        volumes: Vec<VolumePrim>,
+        (volumes, meshes): (Vec<VolumePrim>, Vec<MeshPrim>),
         lights: Vec<(LightEntry, Option<String>)>,
         cameras: Vec<CameraPrim>,
         up: Up,
         provenance: &Provenance,
     ) -> StageText {
         let times = volumes.iter().flat_map(|v| v.frames.iter().filter_map(|frame| frame.time));
+        let shapes = meshes.iter().flat_map(|mesh| mesh.frames.iter().filter_map(|(time, _)| *time));
         let views = cameras.iter().flat_map(|camera| camera.samples.iter().filter_map(|(time, _)| *time));
         let span = |times: &mut dyn Iterator<Item = u32>| {
             times.fold(None, |span: Option<[u32; 2]>, t| Some(span.map_or([t, t], |[a, b]| [a.min(t), b.max(t)])))
         };
-        let frames = span(&mut times.clone()).or_else(|| span(&mut views.clone()));
+        let frames = span(&mut times.chain(shapes)).or_else(|| span(&mut views.clone()));
         let Provenance { command, settings, software, .. } = provenance;
         let stated =
             [("command", command), ("inputs", &provenance.hashes()), ("settings", settings), ("software", software)];
@@ -252,6 +263,7 @@ impl AuthorSettings {
             renderer: self.renderer,
             provenance: stated.map(|(name, value)| (name.to_owned(), value.clone())).into(),
             volumes,
+            meshes,
             lights,
             cameras,
         }

@@ -20,6 +20,7 @@ pub struct AuthorReport {
     up: ChosenUp,
     frames: Option<[u32; 2]>,
     volumes: Vec<Written>,
+    meshes: usize,
     cameras: usize,
     lights: usize,
     pub(super) warnings: Vec<Warning>,
@@ -75,6 +76,7 @@ impl AuthorReport {
             up,
             frames: stage.frames,
             volumes: stage.volumes.iter().map(written).collect(),
+            meshes: stage.meshes.len(),
             cameras: stage.cameras.len(),
             lights: stage.lights.len(),
             warnings,
@@ -87,9 +89,10 @@ impl fmt::Display for AuthorReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{}: {} volume(s), {} camera(s), {} light(s)",
+            "{}: {} volume(s), {} mesh(es), {} camera(s), {} light(s)",
             self.output.display(),
             self.volumes.len(),
+            self.meshes,
             self.cameras,
             self.lights
         )?;

@@ -14,8 +14,13 @@ use std::path::{Path, PathBuf};
 
 /// Files of a volume, by time code where it is a sequence.
 pub(super) fn files(source: &Source, frames: Option<Frames>) -> Result<Vec<(Option<u32>, PathBuf)>> {
-    let Some(pattern) = Pattern::parse(&source.file) else {
-        return Ok(vec![(None, source.file.clone())]);
+    numbered(&source.file, frames)
+}
+
+/// Returns a file, or those of a sequence by time code.
+pub(super) fn numbered(file: &Path, frames: Option<Frames>) -> Result<Vec<(Option<u32>, PathBuf)>> {
+    let Some(pattern) = Pattern::parse(file) else {
+        return Ok(vec![(None, file.to_path_buf())]);
     };
     let numbers = match frames {
         Some(frames) => frames.numbers().collect(),

@@ -5,6 +5,7 @@ pub(crate) mod light;
 mod literal;
 pub(crate) mod material;
 pub(crate) mod medium;
+pub(crate) mod mesh;
 pub(crate) mod names;
 pub(crate) mod places;
 pub(crate) mod stage;

@@ -3,6 +3,7 @@
 use super::camera::{self, CameraPrim, Scale};
 use super::light;
 use super::material::Renderer;
+use super::mesh::MeshPrim;
 use super::names::Names;
 use super::text::{PrimText, quoted};
 use super::volume::VolumePrim;
@@ -30,6 +31,8 @@ pub(crate) struct StageText {
     pub renderer: Renderer,
     /// Volumes.
     pub volumes: Vec<VolumePrim>,
+    /// Meshes.
+    pub meshes: Vec<MeshPrim>,
     /// Lights, each with the path of its picture from the stage's folder.
     pub lights: Vec<(LightEntry, Option<String>)>,
     /// Cameras.
@@ -57,7 +60,8 @@ impl StageText {
             .map(|(entry, texture)| light::prim(entry, names.take(kind(entry)), texture.clone()))
             .collect::<Result<_>>()?;
         let cameras = self.cameras.iter().map(|camera| camera::prim(camera, self.scale(camera, bounds))).collect();
-        for (name, children) in [("Lights", lights), ("Cameras", cameras)] {
+        let meshes = self.meshes.iter().map(MeshPrim::prim).collect();
+        for (name, children) in [("Meshes", meshes), ("Lights", lights), ("Cameras", cameras)] {
             if !children.is_empty() {
                 root.children.push(PrimText { children, ..PrimText::new("Xform", name) });
             }
