@@ -1290,6 +1290,7 @@ class Authored(Report):
     cameras: int
     frames: tuple[int, ...] | None
     lights: int
+    meshes: int
     output: pathlib.Path
     provenance: Provenance
     up: Up

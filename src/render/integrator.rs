@@ -93,6 +93,8 @@ pub struct Counts {
     pub violations: u64,
     /// Directions drawn whose probability density was 0 or not a number. Any of them biases the picture.
     pub impossible: u64,
+    /// Paths that were given up before they ended. Any of them biases the picture.
+    pub unfinished: u64,
     /// Paths whose scattered radiance was clamped.
     pub clamped: u64,
     /// Radiance that they lost, the mean of the channels.
@@ -110,6 +112,7 @@ impl Counts {
             shadow_rays: self.shadow_rays + o.shadow_rays,
             violations: self.violations + o.violations,
             impossible: self.impossible + o.impossible,
+            unfinished: self.unfinished + o.unfinished,
             clamped: self.clamped + o.clamped,
             lost: self.lost + o.lost,
         }

@@ -142,9 +142,21 @@ impl Meshes {
         })
     }
 
-    /// True if a surface stands in the way of a ray, before its far end.
-    pub(crate) fn block(&self, ray: &Ray) -> bool {
-        self.surfaces.block(ray)
+    /// True if a surface stands in the way of a ray to a light at a distance; one at the light itself does not.
+    pub(crate) fn block(&self, ray: &Ray, distance: f64) -> bool {
+        let margin = if distance.is_finite() { self.surfaces.margin(distance) } else { 0.0 };
+        self.surfaces.block(&Ray { far: distance - margin, ..*ray })
+    }
+
+    /// True if the first triangle that a ray meets is that one, which is at a distance.
+    pub(crate) fn see(&self, ray: &Ray, distance: f64, triangle: usize) -> bool {
+        let far = distance + self.surfaces.margin(distance);
+        self.surfaces.hit(&Ray { far, ..*ray }).is_some_and(|hit| hit.triangle == triangle)
+    }
+
+    /// Returns the length up to which lights are met before a surface at a distance.
+    pub(crate) fn beyond(&self, distance: f64) -> f64 {
+        if distance.is_finite() { distance + self.surfaces.margin(distance) } else { distance }
     }
 
     /// Returns the number of triangles.
@@ -153,9 +165,8 @@ impl Meshes {
     }
 
     /// Returns light that arrives at a point from the surfaces that emit, drawn evenly by their power with three
-    /// numbers in [0, 1); `None` if none emits, or it is seen from its edge. The way to it is shorter than the distance
-    /// by what rays must stop before it.
-    pub(crate) fn sample(&self, from: DVec3, [choice, u, v]: [f64; 3]) -> Option<Arrival> {
+    /// numbers in [0, 1), and the triangle; `None` if none emits, or it is seen from its edge.
+    pub(crate) fn sample(&self, from: DVec3, [choice, u, v]: [f64; 3]) -> Option<(Arrival, usize)> {
         let power = self.emitting.last()?.1;
         let place = self.emitting.partition_point(|(_, up_to)| *up_to <= choice * power);
         let (triangle, _) = self.emitting.get(place).or(self.emitting.last())?;
@@ -171,8 +182,7 @@ impl Meshes {
         if !(density > 0.0 && density.is_finite()) {
             return None;
         }
-        let reach = distance - self.surfaces.margin(distance);
-        Some(Arrival { direction, distance: reach, radiance: material.emission, density })
+        Some((Arrival { direction, distance, radiance: material.emission, density }, *triangle))
     }
 
     /// Returns the density per steradian with which [`Self::sample`] draws the direction of a ray that meets a surface.

@@ -74,12 +74,15 @@ impl Surfaces {
         self.hit(ray).map(|hit| hit.distance)
     }
 
-    /// Returns where a ray meets the nearest triangle, before its far end; `None` if it meets none.
+    /// Returns where a ray meets the nearest triangle, before its far end; `None` if it meets none but one that it
+    /// begins on.
     pub fn hit(&self, ray: &Ray) -> Option<Hit> {
         let (tree_ray, single) = self.in_tree(ray)?;
         let mut nearest: Option<Hit> = None;
+        // A ray that begins on a surface does not meet it there.
+        let least = self.margin(0.0) / ray.direction.length();
         self.tree.ray_traverse(tree_ray, &mut RayHit::none(), |_, number| {
-            match intersection(ray, &self.triangles[number]) {
+            match intersection(ray, &self.triangles[number]).filter(|distance| *distance > least) {
                 Some(distance) => {
                     let nearer = nearest.is_none_or(|hit| distance < hit.distance) && distance <= ray.far;
                     if nearer {
@@ -97,7 +100,11 @@ impl Surfaces {
     /// True if a ray meets a triangle before its far end.
     pub fn block(&self, ray: &Ray) -> bool {
         let Some((tree_ray, _)) = self.in_tree(ray) else { return false };
-        let meets = |number| intersection(ray, &self.triangles[number]).is_some_and(|distance| distance <= ray.far);
+        let least = self.margin(0.0) / ray.direction.length();
+        let meets = |number| {
+            let distance = intersection(ray, &self.triangles[number]);
+            distance.is_some_and(|distance| distance > least && distance <= ray.far)
+        };
         !self.tree.ray_traverse_miss(tree_ray, |_, number| if meets(number) { 0.0 } else { f32::INFINITY })
     }
 

@@ -320,12 +320,15 @@ fn meshes_hide_what_is_behind_them() {
     std::fs::write(work.path("broken.ply"), "ply\nformat ascii 1.0\nelement vertex 3\n").unwrap();
     work.refused(&format!("{plume} --holdout points.obj -o x.exr"), Code::Invalid, &["points.obj", "no polygons"]);
     work.refused(&format!("{plume} --holdout broken.ply -o x.exr"), Code::Invalid, &["broken.ply"]);
-    let arrow = "v 0 0 0\nv 2 1 0\nv 0 2 0\nv 0.5 1 0\nf 1 2 3 4\n";
-    std::fs::write(work.path("arrow.obj"), arrow.replace("f 1 2 3 4", "f 1 2 3 4\nf 2 3 4 1")).unwrap();
+    // Polygons that are not convex are filled, and those whose edges cross each other are refused.
+    let arrow = "v 0 0 0\nv 2 1 0\nv 0 2 0\nv 0.5 1 0\nf 2 3 4 1\n";
+    std::fs::write(work.path("concave.obj"), arrow).unwrap();
+    work.json(&format!("{plume} --holdout concave.obj -o concave.exr"));
+    std::fs::write(work.path("arrow.obj"), "v 0 0 0\nv 3 1 0\nv 3 0 0\nv 0 0.5 0\nf 1 2 3 4\n").unwrap();
     work.refused(
         &format!("{plume} --holdout arrow.obj -o x.exr"),
         Code::Unsupported,
-        &["arrow.obj", "not convex", "triangulate"],
+        &["arrow.obj", "cross each other", "triangulate"],
     );
     work.refused(&format!("{plume} --holdout none.ply -o x.exr"), Code::NotFound, &["none.ply"]);
     work.refused(

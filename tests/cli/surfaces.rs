@@ -82,6 +82,12 @@ const MATERIALS: &str = "def Material \"red\" {\n token outputs:surface.connect 
                          \"shader\" {\n  uniform token info:id = \"UsdPreviewSurface\"\n  color3f inputs:diffuseColor = (0.25, \
                          0.25, 0.75)\n  float inputs:metallic = 1\n  token outputs:surface\n }\n}\n";
 
+/// A material whose shader has its color from an input of the material.
+const INTERFACE: &str = "def Material \"dull\" {\n color3f inputs:glow = (0.5, 0.25, 0.125)\n token outputs:surface.connect = \
+                         </dull/shader.outputs:surface>\n def Shader \"shader\" {\n  uniform token info:id = \
+                         \"UsdPreviewSurface\"\n  color3f inputs:diffuseColor = (0.1, 0.1, 0.1)\n  color3f \
+                         inputs:emissiveColor.connect = </dull.inputs:glow>\n  token outputs:surface\n }\n}\n";
+
 /// A stage gives the pictures of the scene file that says the same: with few and many points, as text and binary, by
 /// Cumulo's own attributes and by materials.
 #[test]
@@ -97,7 +103,9 @@ fn stages_show_the_meshes_of_scene_files() {
         let own =
             "custom color3f cumulo:albedo = (0.75, 0.25, 0.5)\n custom color3f cumulo:emission = (0.5, 0.25, 0.125)\n";
         let bound = "rel material:binding = </red>\n";
-        for (material, more) in [(own, ""), (bound, MATERIALS)] {
+        // Each attribute goes before its part of the material alone.
+        let mixed = "rel material:binding = </dull>\n custom color3f cumulo:albedo = (0.75, 0.25, 0.5)\n";
+        for (material, more) in [(own, ""), (bound, MATERIALS), (mixed, INTERFACE)] {
             let text = stage(&format!("{shape}{material}"), more);
             std::fs::write(work.path("stage.usda"), format!("#usda 1.0\n{text}")).unwrap();
             std::fs::write(work.path("stage.usdc"), binary(&text)).unwrap();
@@ -164,6 +172,13 @@ fn stages_that_are_written_have_the_meshes() {
     scene["meshes"][0]["holdout"] = json!(true);
     // What a stage says of a sun's direction is rounded otherwise.
     scene["lights"] = json!([scene["lights"][1]]);
+    let mut moving = scene.clone();
+    let still = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
+    (moving["meshes"][0]["transform_start"], moving["meshes"][0]["transform_end"]) = (still.clone(), still);
+    write(&work, "moving.json", &moving);
+    work.json("usd author moving.json -o moving.usda");
+    let text = std::fs::read_to_string(work.path("moving.usda")).unwrap();
+    assert!(text.contains("the motion of mesh 0 while the shutter is open"));
     write(&work, "scene.json", &scene);
     let report = work.json("usd author scene.json -o stage.usda");
     assert_eq!((&report["meshes"], &report["frames"]), (&json!(2), &json!([1, 2])));
@@ -228,7 +243,7 @@ fn meshes_that_cannot_be_are_refused() {
     std::fs::write(work.path("broken.ply"), "ply\nformat ascii 1.0\nelement vertex 3\n").unwrap();
     refused("g.json", &of("/meshes/1/file", json!("broken.ply")), Code::Invalid, &["broken.ply"]);
     write_ply(&work.path("far.ply"), &vec![[DVec3::ZERO, DVec3::X, DVec3::splat(1e200)]]);
-    refused("h.json", &of("/meshes/1/file", json!("far.ply")), Code::Invalid, &["h.json"]);
+    refused("h.json", &of("/meshes/1/file", json!("far.ply")), Code::Invalid, &["far.ply", "origin"]);
     write_ply(&work.path("many.ply"), &ball(DVec3::ZERO, 0.4, 300));
     write(&work, "i.json", &of("/meshes/1/file", json!("many.ply")));
     work.refused(

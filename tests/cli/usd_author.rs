@@ -335,7 +335,9 @@ fn every_key_of_a_scene_file_is_authored() {
     let keys = ["VolumeEntry", "MediumEntry", "VelocityEntry", "EmissionGridEntry", "BlackbodyEntry"];
     let schema: serde_json::Value = serde_json::from_str(&schema).unwrap();
     for kind in keys {
-        for key in schema["$defs"][kind]["properties"].as_object().unwrap().keys() {
+        // Motion while a shutter is open is left out, with a remark.
+        let moves = |key: &&String| key.starts_with("transform_");
+        for key in schema["$defs"][kind]["properties"].as_object().unwrap().keys().filter(|key| !moves(key)) {
             assert!(scene.to_string().contains(&format!("\"{key}\"")), "{kind}: '{key}' is in no volume of the scene");
         }
     }

@@ -271,6 +271,62 @@ fn plane<'f>(film: &'f Film, name: &str) -> &'f [f32] {
     &film.planes.iter().find(|plane| plane.name == name).unwrap().samples
 }
 
+/// A light in the plane of a surface shines, and faces that coincide emit once.
+#[test]
+fn what_lies_in_one_plane_is_told_apart() {
+    let floor = (quad(DVec3::new(-50.0, -50.0, 0.0), DVec3::X * 100.0, DVec3::Y * 100.0), of(ALBEDO, [0.0; 3]));
+    let ceiling = (quad(DVec3::new(-3.0, -3.0, 2.0), DVec3::X * 6.0, DVec3::Y * 6.0), of([0.0; 3], [0.0; 3]));
+    let rays = [DVec3::new(0.3, 0.2, -1.0), DVec3::new(-0.2, 0.5, -0.9)].map(|direction| {
+        let direction = direction.normalize();
+        Ray::new(DVec3::new(0.4, -0.3, 0.0) - direction, direction)
+    });
+    let corner = DVec3::new(-0.5, -0.5, 2.0);
+    let power = Vec3::new(3.0, 2.0, 1.0);
+    let medium = || medium(1.0, ALBEDO, Phase::Isotropic);
+    for light in [
+        Light::Rectangle { corner, edges: [DVec3::Y, DVec3::X], radiance: power },
+        Light::Point { position: corner, intensity: power },
+    ] {
+        let lit = scene(&empty(), medium(), vec![light], [0.0; 3]);
+        let free = estimates(&among(lit.clone(), &[floor.clone()]), &rays, 64);
+        // Once is enough: a second scattering would see the ceiling.
+        assert_agree("in the ceiling", &estimates(&among(lit, &[floor.clone(), ceiling.clone()]), &rays, 64), &free);
+    }
+    let lamp = || quad(corner, DVec3::Y, DVec3::X);
+    let shines = of([0.0; 3], power.to_array());
+    let dark = scene(&empty(), medium(), Vec::new(), [0.0; 3]);
+    let once = estimates(&among(dark.clone(), &[floor.clone(), (lamp(), shines)]), &rays, 256);
+    let turned = quad(corner, DVec3::X, DVec3::Y);
+    for more in [vec![(lamp(), shines)], vec![(turned.clone(), shines)], vec![(lamp(), shines), (turned, shines)]] {
+        let all = [vec![floor.clone(), (lamp(), shines)], more].concat();
+        assert_agree("twice", &estimates(&among(dark.clone(), &all), &rays, 256), &once);
+    }
+    // A camera in the plane of a surface sees beside it.
+    let sky = scene(&empty(), medium(), Vec::new(), [0.25, 0.5, 1.0]);
+    let up = Ray::new(DVec3::new(1.0, 2.0, 0.0), DVec3::new(0.1, 0.2, 0.9).normalize());
+    assert_agree("in the floor", &estimates(&among(sky, &[floor]), &[up], 4), &exact([[0.25, 0.5, 1.0]]));
+}
+
+/// Between walls that absorb nothing no path ends: those are given up, and told.
+#[test]
+fn paths_between_white_walls_are_given_up() {
+    let lit = scene(
+        &empty(),
+        medium(1.0, ALBEDO, Phase::Isotropic),
+        vec![Light::Point { position: DVec3::ZERO, intensity: Vec3::ONE }],
+        [0.0; 3],
+    );
+    let white = (walls(DVec3::splat(-5.0), DVec3::splat(5.0)), of([1.0, 0.0, 0.5], [0.0; 3]));
+    let lit = among(lit, &[white]);
+    let tracer = PathTracer::new(&lit).unwrap();
+    let towards = DVec3::new(0.3, 0.5, -0.8).normalize();
+    let (mut scratch, ray) = (Scratch::default(), Ray::new(DVec3::splat(-3.0), towards));
+    let primary = tracer.primary(&ray, &mut scratch);
+    let sample = tracer.li(&ray, &primary, &mut Sampler::new(1, [0, 0], 0), &mut scratch);
+    assert!(sample.radiance().is_finite());
+    assert_eq!(PathTracer::take_counts(&mut scratch).unfinished, 1);
+}
+
 /// Alpha is 1 where surfaces stand and 0 in the holes of holdouts; planes are those of the surfaces.
 #[test]
 fn pictures_show_where_surfaces_stand() {

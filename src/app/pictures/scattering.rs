@@ -313,6 +313,7 @@ impl ScatteringSettings {
             shadow_rays_per_path: each(counts.shadow_rays),
             majorant_violations: counts.violations,
             impossible_directions: counts.impossible,
+            unfinished_paths: counts.unfinished,
             clamp: self.clamp.map(|most| Clamp {
                 most,
                 share_of_paths: each(counts.clamped),
@@ -378,6 +379,9 @@ pub struct Paths {
     pub majorant_violations: u64,
     /// Directions of no density; any of them biases the pictures.
     pub impossible_directions: u64,
+    /// Paths that were given up after 4096 scatterings, between surfaces that absorb nothing; any of them biases the
+    /// pictures.
+    pub unfinished_paths: u64,
     /// Clamping, if it was asked for.
     pub clamp: Option<Clamp>,
 }
@@ -412,6 +416,15 @@ impl fmt::Display for Paths {
                 f,
                 "\nwarning: {} majorants violated, {} impossible directions: the pictures are biased",
                 self.majorant_violations, self.impossible_directions
+            )?;
+        }
+        if self.unfinished_paths > 0 {
+            write!(
+                f,
+                "\nwarning: {} paths had not ended after 4096 scatterings, and their light is missing: give surfaces an \
+                 albedo below 1, or a limit by {}",
+                self.unfinished_paths,
+                crate::wording::worded("⟨max_bounces⟩")
             )?;
         }
         Ok(())

@@ -35,24 +35,20 @@ impl Mesh {
     /// Returns the corners of triangles that fill the polygons, for rays to meet.
     ///
     /// # Errors
-    /// If a polygon is not convex, so that its triangles are not known, or a tree of the triangles does not fit into
-    /// the limits.
+    /// If the edges of a polygon cross each other, or a tree of the triangles does not fit into the limits.
     pub(crate) fn surface(&self, limits: Limits) -> Result<Vec<[DVec3; 3]>> {
-        let concave = self.not_convex();
-        if concave > 0 {
-            return Err(Error::unsupported(format!(
-                "{concave} polygons are not convex: their triangles are not known"
-            ))
-            .hint("triangulate the mesh where it is exported"));
-        }
         let count = self.triangles().count() as u64;
         if count.saturating_mul(TRIANGLE_BYTES) > limits.max_memory {
             return Err(Error::unsupported(format!("{count} triangles do not fit in memory"))
                 .coded(Code::MemoryLimit)
                 .hint("simplify the mesh, or raise ⟨max_memory⟩"));
         }
+        let triangles = self.filled().ok_or_else(|| {
+            Error::unsupported("the edges of a polygon cross each other, and its triangles are not known")
+                .hint("triangulate the mesh where it is exported")
+        })?;
         let at = |corner: u32| self.vertices[corner as usize];
-        Ok(self.triangles().map(|corners| corners.map(at)).collect())
+        Ok(triangles.into_iter().map(|corners| corners.map(at)).collect())
     }
 }
 
@@ -81,8 +77,8 @@ impl MeshFormat {
     /// Reads the triangles of a file of this format, corners in its coordinates, for rays to meet.
     ///
     /// # Errors
-    /// As [`Self::read`], or if a polygon is not convex, so that its triangles are not known, or a tree of the
-    /// triangles does not fit into the limits. The error names the file.
+    /// As [`Self::read`], or if the edges of a polygon cross each other, or a tree of the triangles does not fit into
+    /// the limits. The error names the file.
     pub fn triangles(&self, path: &Path, limits: Limits) -> Result<Vec<[DVec3; 3]>> {
         self.read(path, limits)?.surface(limits).map_err(|e| e.at(path))
     }

@@ -2,6 +2,8 @@
 
 use super::Mesh;
 use crate::math::Aabb;
+use earcut::utils3d::project3d_to_2d;
+use earcut::{Earcut, deviation};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
@@ -9,6 +11,9 @@ use std::collections::{BTreeMap, HashMap};
 /// Bytes for each corner of a polygon, its edge, and for each vertex, its place in a table, while edges are counted.
 pub(crate) const CORNER_BYTES: u64 = 16;
 pub(crate) const VERTEX_BYTES: u64 = 120;
+
+/// Largest difference of the area of triangles from that of the polygon that they fill, as a share of it.
+const MOST_DEVIATION: f64 = 1e-6;
 
 /// Measures of the surface of a mesh, and of what it encloses.
 #[derive(Debug, Clone, Copy, serde::Serialize, schemars::JsonSchema)]
@@ -147,13 +152,44 @@ impl Mesh {
 
     /// Number of polygons that their fans of triangles do not fill: corners that point inwards.
     pub(crate) fn not_convex(&self) -> usize {
-        let bad = |polygon: &&[u32]| {
-            let at = |i: usize| self.vertices[polygon[i] as usize];
-            let normal = |i: usize| (at(i) - at(0)).cross(at(i + 1) - at(0));
-            let sum: DVec3 = (1..polygon.len() - 1).map(normal).sum();
-            (1..polygon.len() - 1).any(|i| normal(i).dot(sum) < 0.0)
-        };
-        self.polygons().filter(|polygon| polygon.len() > 3).filter(bad).count()
+        self.polygons().filter(|polygon| !self.is_fan(polygon)).count()
+    }
+
+    /// True if the fan of triangles about its first corner fills a polygon.
+    fn is_fan(&self, polygon: &[u32]) -> bool {
+        let at = |i: usize| self.vertices[polygon[i] as usize];
+        let normal = |i: usize| (at(i) - at(0)).cross(at(i + 1) - at(0));
+        let sum: DVec3 = (1..polygon.len() - 1).map(normal).sum();
+        let inner = 1..polygon.len() - 1;
+        let crossed = sum == DVec3::ZERO && inner.clone().any(|i| normal(i) != DVec3::ZERO);
+        polygon.len() == 3 || !crossed && inner.into_iter().all(|i| normal(i).dot(sum) >= 0.0)
+    }
+
+    /// Triangles that fill the polygons, by fans, or by cutting off ears of those that are not convex; `None` if the
+    /// edges of a polygon cross each other.
+    pub(crate) fn filled(&self) -> Option<Vec<[u32; 3]>> {
+        let mut triangles = Vec::with_capacity(self.corners.len().saturating_sub(2 * self.ends.len()));
+        let (mut ears, mut flat, mut numbers) = (Earcut::new(), Vec::new(), Vec::<u32>::new());
+        for polygon in self.polygons() {
+            if self.is_fan(polygon) {
+                triangles.extend((1..polygon.len() - 1).map(|i| [polygon[0], polygon[i], polygon[i + 1]]));
+                continue;
+            }
+            // About the origin and of size 1, no digit is lost and no length is too small.
+            let first = self.vertices[polygon[0] as usize];
+            let offsets: Vec<DVec3> = polygon.iter().map(|corner| self.vertices[*corner as usize] - first).collect();
+            let size = offsets.iter().map(|offset| offset.abs().max_element()).fold(0.0, f64::max);
+            let corners: Vec<[f64; 3]> = offsets.iter().map(|offset| (*offset / size).to_array()).collect();
+            if !project3d_to_2d(&corners, corners.len(), &mut flat) {
+                return None;
+            }
+            ears.earcut_slice(&flat, &[], &mut numbers);
+            if deviation(flat.iter().copied(), &[] as &[u32], &numbers) > MOST_DEVIATION {
+                return None;
+            }
+            triangles.extend(numbers.chunks_exact(3).map(|of| [0, 1, 2].map(|i| polygon[of[i] as usize])));
+        }
+        Some(triangles)
     }
 }
 
@@ -225,5 +261,32 @@ mod tests {
         assert_eq!(mesh([1, 2, 3, 0]).not_convex(), 1, "the diagonal lies outside");
         assert_eq!(mesh([0, 1, 2, 3]).not_convex(), 0, "the diagonal parts the arrow");
         assert_eq!(cube(DVec3::ZERO, 6).not_convex(), 0);
+    }
+
+    /// Ears are cut off a star; edges that cross each other are told.
+    #[test]
+    fn polygons_that_are_not_convex_are_filled() {
+        let corner = |i: u32| {
+            let (sine, cosine) = (std::f64::consts::TAU * f64::from(i) / 10.0).sin_cos();
+            let radius = if i.is_multiple_of(2) { 2.0 } else { 0.7 };
+            DVec3::new(1e4 + radius * cosine, 7.0 + 0.5 * radius * sine, radius * sine)
+        };
+        let star = Mesh { vertices: (0..10).map(corner).collect(), corners: (0..10).collect(), ends: vec![10] };
+        let filled = star.filled().unwrap_or_default();
+        assert_eq!((star.not_convex(), filled.len()), (1, 8));
+        let normal = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a);
+        let at = |triangle: &[u32; 3]| normal(triangle.map(|corner| star.vertices[corner as usize]));
+        let area: f64 = filled.iter().map(|triangle| at(triangle).length()).sum();
+        let expected = 10.0 * 0.5 * 2.0 * 0.7 * (std::f64::consts::PI / 5.0).sin() * 1.25_f64.sqrt();
+        assert!((area / expected - 1.0).abs() < 1e-9, "{area} {expected}");
+        // All of them face the same way.
+        assert!(filled.iter().all(|triangle| at(triangle).dot(at(&filled[0])) > 0.0));
+        for crossing in
+            [[[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]], [[0.0, 0.0], [3.0, 1.0], [3.0, 0.0], [0.0, 0.5]]]
+        {
+            let vertices = crossing.map(|[x, y]| DVec3::new(x, y, 1.0)).to_vec();
+            let bow = Mesh { vertices, corners: vec![0, 1, 2, 3], ends: vec![4] };
+            assert_eq!(bow.filled(), None, "{crossing:?}");
+        }
     }
 }

@@ -9,7 +9,6 @@ use crate::formats::sequence::Pattern;
 use crate::formats::transfer::{Function, Loaded};
 use crate::formats::vdb::{self, File};
 use crate::formats::{exr, input, registry, transfer};
-use crate::math::Affine;
 use crate::scene::albedo::TransferColor;
 use crate::scene::emission::Emission;
 use crate::scene::environment::{Environment, EnvironmentMap};
@@ -25,6 +24,8 @@ use glam::{DMat4, DVec3};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+/// Largest coordinate of meshes.
+const LARGEST: f64 = 1e100;
 /// Largest size of a file in bytes.
 const MAX_BYTES: u64 = 1 << 24;
 
@@ -189,8 +190,12 @@ impl LoadedScene {
         };
         let mut triangles = format.triangles(&path, limits)?;
         if let Some(rows) = entry.transform {
-            let placement = Affine::new(DMat4::from_cols_array_2d(&rows).transpose())?;
-            triangles.iter_mut().flatten().for_each(|corner| *corner = placement.to_world(*corner));
+            let placement = DMat4::from_cols_array_2d(&rows).transpose();
+            if rows[3] != [0.0, 0.0, 0.0, 1.0] || placement.determinant() == 0.0 || !placement.is_finite() {
+                return Err(Error::invalid("its 'transform' is no map of space that can be inverted")
+                    .hint("give a finite matrix, row by row, whose last row is 0, 0, 0, 1"));
+            }
+            triangles.iter_mut().flatten().for_each(|corner| *corner = placement.transform_point3(*corner));
         }
         self.push_mesh(triangles, material, limits).map_err(|e| e.at(&path))
     }
@@ -200,6 +205,11 @@ impl LoadedScene {
     /// # Errors
     /// If all meshes together do not fit into the limits.
     pub(crate) fn push_mesh(&mut self, triangles: Vec<[DVec3; 3]>, material: Material, limits: Limits) -> Result<()> {
+        let sound = |at: &DVec3| at.abs().max_element() < LARGEST;
+        if !triangles.iter().flatten().all(sound) {
+            return Err(Error::invalid(format!("a point of the mesh is farther than {LARGEST:e} from the origin"))
+                .hint("correct the coordinates, or the matrices that place them"));
+        }
         self.meshes.push((triangles, material));
         let count: u64 = self.meshes.iter().map(|(triangles, _)| triangles.len() as u64).sum();
         if count.saturating_mul(TRIANGLE_BYTES) > limits.max_memory {

@@ -1,8 +1,8 @@
 //! Meshes of stages, after UsdGeom, and what their materials say of diffuse light.
 //!
-//! The attributes `cumulo:albedo`, `cumulo:emission` and `cumulo:holdout` of a mesh are those of scene files. Else the
-//! diffuse and the emissive color of the `UsdPreviewSurface` that is bound to the mesh, or to subsets of its faces,
-//! count, and without one the mesh's `displayColor`. Reflections, textures and transparency are left out. Meshes are
+//! The diffuse and the emissive color of the `UsdPreviewSurface` that is bound to the mesh, or to subsets of its faces,
+//! count, and without one the `displayColor` of the mesh or of a prim above it. The attributes `cumulo:albedo`,
+//! `cumulo:emission` and `cumulo:holdout` of a mesh, those of scene files, go before them. Reflections, textures and transparency are left out. Meshes are
 //! rendered as their polygons, whatever subdivision they ask for.
 
 use super::medium::bound_shaders;
@@ -14,7 +14,7 @@ use crate::formats::limits::Limits;
 use crate::formats::mesh::Mesh;
 use crate::formats::scene_file::LoadedScene;
 use crate::scene::meshes::Material;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use std::collections::BTreeSet;
 
 /// Names of Cumulo's own attributes.
@@ -40,12 +40,11 @@ pub(super) fn meshes(stage: &Stage, time: f64, limits: Limits, scene: &mut Loade
         if prim.text("subdivisionScheme", time).is_none_or(|scheme| scheme != "none") {
             remarks.insert(format!("mesh {} is rendered as its polygons: surfaces are not subdivided", prim.path));
         }
-        let faces = subsets(stage, prim, mesh.ends.len(), time);
+        let faces = subsets(stage, prim, (mesh.ends.len(), time), &mut remarks);
         for (bound, part) in parts(&mesh, &faces) {
-            let material = match own(prim, time).map_err(blame)? {
-                Some(material) => material,
-                None => stated(stage, (prim, faces.prims.get(bound).copied().unwrap_or(prim)), time, &mut remarks),
-            };
+            let bound = faces.prims.get(bound).copied().unwrap_or(prim);
+            let stated = stated(stage, (prim, bound), time, &mut remarks);
+            let material = own(prim, time, stated).map_err(blame)?;
             let triangles = part.surface(limits).map_err(blame)?;
             scene.push_mesh(triangles, material.checked().map_err(blame)?, limits).map_err(blame)?;
         }
@@ -99,7 +98,12 @@ struct Subsets<'s> {
 }
 
 /// Returns the subsets of a mesh's faces to which materials are bound. A face belongs to the first that names it.
-fn subsets<'s>(stage: &'s Stage, mesh: &Prim, faces: usize, time: f64) -> Subsets<'s> {
+fn subsets<'s>(
+    stage: &'s Stage,
+    mesh: &Prim,
+    (faces, time): (usize, f64),
+    remarks: &mut BTreeSet<String>,
+) -> Subsets<'s> {
     let of_mesh = |prim: &&Prim| prim.parent() == Some(&mesh.path);
     let binds = |prim: &&Prim| prim.relationships.keys().any(|name| name.starts_with("material:binding"));
     let prims: Vec<&Prim> = stage.of_type("GeomSubset").filter(of_mesh).filter(binds).collect();
@@ -107,9 +111,13 @@ fn subsets<'s>(stage: &'s Stage, mesh: &Prim, faces: usize, time: f64) -> Subset
     for (number, prim) in prims.iter().enumerate() {
         let of_faces = prim.text("elementType", time).is_none_or(|kind| kind == "face");
         let indices = prim.value("indices", time).filter(|_| of_faces).and_then(|value| value.integers());
-        for face in indices.into_iter().flatten().filter_map(|face| usize::try_from(face).ok()) {
-            if let Some(of) = of_face.get_mut(face).filter(|of| **of == prims.len()) {
-                *of = number;
+        for face in indices.into_iter().flatten() {
+            match usize::try_from(face).ok().and_then(|face| of_face.get_mut(face)) {
+                Some(of) if *of == prims.len() => *of = number,
+                Some(_) => {}
+                None => {
+                    remarks.insert(format!("subset {} names the face {face}, which is not there", prim.path));
+                }
             }
         }
     }
@@ -131,15 +139,12 @@ fn parts(mesh: &Mesh, subsets: &Subsets<'_>) -> Vec<(usize, Mesh)> {
     all.into_iter().map(part).collect()
 }
 
-/// Reads the attributes of the namespace `cumulo`; `None` if there are none.
+/// Returns what the attributes of the namespace `cumulo` state, in place of what else is stated.
 ///
 /// # Errors
 /// If one has a value of another kind.
-fn own(prim: &Prim, time: f64) -> Result<Option<Material>> {
+fn own(prim: &Prim, time: f64, stated: Material) -> Result<Material> {
     let [albedo, emission, holdout] = [ALBEDO, EMISSION, HOLDOUT].map(|name| prim.value(name, time));
-    if albedo.is_none() && emission.is_none() && holdout.is_none() {
-        return Ok(None);
-    }
     let wrong = |name: &str, expected: &str| {
         Error::invalid(format!("the attribute '{name}' is not {expected}"))
             .hint("correct its type and value, or remove it")
@@ -148,22 +153,24 @@ fn own(prim: &Prim, time: f64) -> Result<Option<Material>> {
         let color = value.tuple::<3>().map(|color| Vec3::from_array(color.map(|v| v as f32)));
         color.ok_or_else(|| wrong(name, "three numbers such as (0.5, 0.5, 0.5)"))
     };
-    let usual = Material::default();
-    Ok(Some(Material {
-        albedo: albedo.map_or(Ok(usual.albedo), |value| color(ALBEDO, &value))?,
-        emission: emission.map_or(Ok(usual.emission), |value| color(EMISSION, &value))?,
+    Ok(Material {
+        albedo: albedo.map_or(Ok(stated.albedo), |value| color(ALBEDO, &value))?,
+        emission: emission.map_or(Ok(stated.emission), |value| color(EMISSION, &value))?,
         holdout: holdout.map_or(Ok(false), |value| value.bool().ok_or_else(|| wrong(HOLDOUT, "a truth value")))?,
-    }))
+    })
 }
 
 /// Returns the diffuse part of the material that is bound to a subset of a mesh, or to the mesh, else its display
 /// color.
 fn stated(stage: &Stage, (mesh, bound): (&Prim, &Prim), time: f64, remarks: &mut BTreeSet<String>) -> Material {
     let mut found = None;
+    if let Some(path) = bound.targets("material:binding").first().filter(|path| stage.prim(path).is_none()) {
+        remarks.insert(format!("mesh {}: the material {path} that is bound to it is not there", mesh.path));
+    }
     for shader in bound_shaders(stage, bound, "surface") {
         match shader.text("info:id", time).as_deref() {
             Some("UsdPreviewSurface") => {
-                found = Some(preview(shader, time, remarks));
+                found = Some(preview((stage, shader), time, remarks));
                 break;
             }
             id => {
@@ -173,26 +180,46 @@ fn stated(stage: &Stage, (mesh, bound): (&Prim, &Prim), time: f64, remarks: &mut
         }
     }
     found.unwrap_or_else(|| {
-        let shown = mesh.value("primvars:displayColor", time).and_then(|value| value.points());
-        let mean = shown.filter(|colors| !colors.is_empty()).map(|colors| {
-            let sum = colors.iter().fold(glam::DVec3::ZERO, |sum, color| sum + *color);
-            (sum / colors.len() as f64).as_vec3().clamp(Vec3::ZERO, Vec3::ONE)
-        });
-        Material { albedo: mean.unwrap_or(Material::default().albedo), ..Material::default() }
+        let albedo = shown(stage, mesh, time, remarks).unwrap_or(Material::default().albedo);
+        Material { albedo, ..Material::default() }
     })
 }
 
+/// Returns the mean display color of a mesh, which a prim above it may state; `None` without one.
+fn shown(stage: &Stage, mesh: &Prim, time: f64, remarks: &mut BTreeSet<String>) -> Option<Vec3> {
+    let of = |prim: &Prim| prim.value("primvars:displayColor", time)?.points().filter(|colors| !colors.is_empty());
+    let colors = stage.upwards(mesh).find_map(of)?;
+    if colors.iter().any(|color| *color != colors[0]) {
+        remarks.insert(format!("mesh {} has the mean of its {} display colors", mesh.path, colors.len()));
+    }
+    let mean = (colors.iter().sum::<DVec3>() / colors.len() as f64).as_vec3();
+    let possible = mean.clamp(Vec3::ZERO, Vec3::ONE);
+    if possible != mean {
+        remarks.insert(format!("mesh {} has a display color beyond 0 to 1, which no surface has", mesh.path));
+    }
+    Some(possible)
+}
+
 /// Returns the diffuse part of a `UsdPreviewSurface`, and says what of it is left out.
-fn preview(shader: &Prim, time: f64, remarks: &mut BTreeSet<String>) -> Material {
-    let input = |name: &str| shader.attribute(&format!("inputs:{name}"));
-    let connected = |name: &&str| input(name).is_some_and(|input| !input.connections.is_empty());
+fn preview((stage, shader): (&Stage, &Prim), time: f64, remarks: &mut BTreeSet<String>) -> Material {
+    let inputs = PREVIEWED.map(|name| (name, input(stage, shader, name, time)));
+    let of = |name: &str| inputs.iter().find(|(own, _)| *own == name).map_or(&Input::Nothing, |(_, input)| input);
+    let connected = |name: &&str| matches!(of(name), Input::Connected);
     let color = |name: &str, usual: f32| {
-        let stated = shader.tuple::<3>(&format!("inputs:{name}"), time).map(|v| Vec3::from_array(v.map(|v| v as f32)));
-        stated.unwrap_or(Vec3::splat(usual))
+        match of(name) {
+            Input::Value(value) => value.tuple::<3>().map(|v| Vec3::from_array(v.map(|v| v as f32))),
+            _ => None,
+        }
+        .unwrap_or(Vec3::splat(usual))
     };
-    let number = |name: &str, usual: f64| shader.number(&format!("inputs:{name}"), time).unwrap_or(usual);
-    let textures: Vec<&str> =
-        ["diffuseColor", "emissiveColor", "opacity", "normal", "displacement"].into_iter().filter(connected).collect();
+    let number = |name: &str, usual: f64| {
+        match of(name) {
+            Input::Value(value) => value.number(),
+            _ => None,
+        }
+        .unwrap_or(usual)
+    };
+    let textures: Vec<&str> = PREVIEWED.into_iter().filter(connected).collect();
     if !textures.is_empty() {
         let what = textures.join(", ");
         remarks.insert(format!("material of shader {}: what is connected to {what} is left out", shader.path));
@@ -205,4 +232,33 @@ fn preview(shader: &Prim, time: f64, remarks: &mut BTreeSet<String>) -> Material
     }
     let diffuse = if connected(&"diffuseColor") { Material::default().albedo } else { color("diffuseColor", 0.18) };
     Material { albedo: diffuse.clamp(Vec3::ZERO, Vec3::ONE), emission: color("emissiveColor", 0.0), holdout: false }
+}
+
+/// Inputs of a `UsdPreviewSurface` that change what is seen.
+const PREVIEWED: [&str; 8] =
+    ["diffuseColor", "emissiveColor", "opacity", "normal", "displacement", "metallic", "clearcoat", "roughness"];
+
+/// An input of a shader.
+enum Input {
+    /// Nothing is stated.
+    Nothing,
+    /// A value, its own or that of the material's input that it is connected to.
+    Value(Value),
+    /// It is connected to another shader.
+    Connected,
+}
+
+/// Returns an input of a shader.
+fn input(stage: &Stage, shader: &Prim, name: &str, time: f64) -> Input {
+    let own = format!("inputs:{name}");
+    let Some(attribute) = shader.attribute(&own) else { return Input::Nothing };
+    let Some(source) = attribute.connections.first() else {
+        return attribute.at(time).map_or(Input::Nothing, Input::Value);
+    };
+    let (prim, name) = source.rsplit_once('.').unwrap_or((source, ""));
+    let of = stage.prim(prim).filter(|prim| prim.type_name == "Material").and_then(|prim| prim.attribute(name));
+    match of.filter(|attribute| attribute.connections.is_empty()).and_then(|attribute| attribute.at(time)) {
+        Some(value) => Input::Value(value),
+        None => Input::Connected,
+    }
 }

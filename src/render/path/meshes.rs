@@ -17,6 +17,9 @@ use crate::scene::meshes::{Material, Meshes, SurfacePoint};
 use glam::{DVec3, Vec3};
 use std::f64::consts::FRAC_1_PI;
 
+/// Scatterings after which a path is given up: between surfaces that absorb nothing, and let nothing out, none ends.
+const MOST_BOUNCES: u32 = 4096;
+
 /// Media, and meshes among them.
 pub(super) struct AmongMeshes<'a, M> {
     pub media: M,
@@ -254,24 +257,33 @@ impl<M: Media> Walk<'_, M> {
             if bounces == limits.max_bounces || !survives(&mut weight, bounces, sampler) {
                 return;
             }
+            if bounces == MOST_BOUNCES {
+                self.scratch.counts.unfinished += 1;
+                return;
+            }
             bounces += 1;
             let once = bounces == 1;
             let [u, v, of_lights, of_light] = sampler.stratified();
             let origin = vertex.origin();
-            let drawn = lighting.sample(origin, [of_lights, of_light]).map(|(_, arrival)| arrival);
+            let drawn = lighting.sample(origin, [of_lights, of_light]).map(|(_, arrival)| (arrival, None));
             let of_meshes = if meshes.emit() && !dark {
                 let [choice, u, v, _] = sampler.stratified();
-                meshes.sample(origin, [choice, u, v])
+                meshes.sample(origin, [choice, u, v]).map(|(arrival, triangle)| (arrival, Some(triangle)))
             } else {
                 None
             };
-            for arrival in [drawn, of_meshes].into_iter().flatten() {
+            for (arrival, triangle) in [drawn, of_meshes].into_iter().flatten() {
                 let scattered = vertex.value(from, arrival.direction);
                 if scattered <= 0.0 {
                     continue;
                 }
                 let toward = Ray::new(origin, arrival.direction);
-                if meshes.block(&Ray { far: arrival.distance, ..toward }) {
+                let seen = match triangle {
+                    // Of faces that coincide, one is met, by whichever way.
+                    Some(triangle) => meshes.see(&toward, arrival.distance, triangle),
+                    None => !meshes.block(&toward, arrival.distance),
+                };
+                if !seen {
                     continue;
                 }
                 self.scratch.counts.shadow_rays += 1;
@@ -290,7 +302,8 @@ impl<M: Media> Walk<'_, M> {
                 out.indirect += weight * media.emitted(&ray, None, sampler, self.scratch);
             }
             let next = media.collide(&ray, weight, sampler, self.scratch);
-            let reach = next.map_or(ray.far, |(collision, _)| collision.distance);
+            // A light in the plane of a surface is before it.
+            let reach = next.map_or_else(|| meshes.beyond(ray.far), |(collision, _)| collision.distance);
             let survival = |distance| media.survival(&ray, distance, weight, self.scratch);
             let met = lighting.hit_radiance(&ray, reach, density, survival, |_, _| 1.0);
             *if once { &mut out.direct } else { &mut out.indirect } += weight * met;
