@@ -53,7 +53,7 @@ pub(crate) fn mean(color: Vec3) -> f32 {
     if color.x == color.y && color.y == color.z { color.x } else { color.element_sum() / 3.0 }
 }
 
-/// What a path meets first.
+/// First interaction of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct First {
     /// World length from the ray's origin.
@@ -62,16 +62,16 @@ pub struct First {
     pub position: DVec3,
     /// Share of the light that is scattered, by channel.
     pub albedo: Vec3,
-    /// What it is.
-    pub met: Met,
+    /// Kind of the interaction.
+    pub interaction: Interaction,
     /// Weight of the collision, the opacity of the camera's ray, or of the surface, the transmittance to it; or an
     /// estimate of it.
     pub share: f32,
 }
 
-/// What a path meets.
+/// Interaction of a path with the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Met {
+pub enum Interaction {
     /// A volume, by its number.
     Volume(usize),
     /// A surface with this unit normal on the side of the ray.

@@ -6,7 +6,7 @@ use crate::scene::light::Arrival;
 use crate::scene::surfaces::Surfaces;
 use glam::{DMat4, DVec3, Vec3};
 
-/// What surfaces do with light; the same on both sides.
+/// Reflection and emission of surfaces, the same on both sides.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Material {
     /// Share of the light that is reflected, evenly to all sides (Lambert), in red, green and blue: 0 to 1.
@@ -155,7 +155,7 @@ impl Meshes {
     }
 
     /// Returns the length up to which lights are met before a surface at a distance.
-    pub(crate) fn beyond(&self, distance: f64) -> f64 {
+    pub(crate) fn reach(&self, distance: f64) -> f64 {
         if distance.is_finite() { distance + self.surfaces.margin(distance) } else { distance }
     }
 

@@ -22,17 +22,18 @@ use std::sync::Arc;
 const MOMENTS: [usize; 2] = [4, 16];
 
 impl Scene {
-    /// Puts the moments into a scene that moves while the shutter is open, which are times in frames after that of the
-    /// scene: as many as volumes move voxels by their velocities, from 4 to 16, and 16 where objects move. Returns whether anything moves.
+    /// Puts the moments into a scene that moves while the shutter is open, `open` being the times in frames after that
+    /// of the scene at which it opens and closes. There are as many as volumes move voxels by their velocities, from 4
+    /// to 16, and 16 where objects move. Returns whether anything moves.
     ///
     /// # Errors
     /// If the volumes of all moments do not fit into `max_memory` bytes.
     pub fn opened(&mut self, open: [f64; 2], max_memory: u64) -> Result<bool> {
-        let way = |(number, velocity): &(usize, Velocity)| {
+        let displacement = |(number, velocity): &(usize, Velocity)| {
             let density = self.volumes.get(*number).and_then(Volume::density);
-            density.map_or(0.0, |(field, _)| field.way(velocity))
+            density.map_or(0.0, |(field, _)| field.displacement(velocity))
         };
-        let furthest = self.velocities.iter().map(way).fold(0.0, f64::max) * (open[1] - open[0]);
+        let furthest = self.velocities.iter().map(displacement).fold(0.0, f64::max) * (open[1] - open[0]);
         let moves = !self.motions.is_empty();
         if !(moves || furthest > 0.0 && furthest.is_finite()) {
             return Ok(false);
@@ -125,7 +126,7 @@ impl<V: Voxel + Add<Output = V> + Mul<f32, Output = V>> Bricks<V> {
     }
 
     /// Returns the most voxels that the field moves in a frame, along an axis.
-    fn way(&self, velocity: &Velocity) -> f64 {
+    fn displacement(&self, velocity: &Velocity) -> f64 {
         let most = |(brick, _): (IVec3, u32)| {
             let [least, most] = self.steps(velocity, brick);
             least.abs().max(most.abs()).max_element()
@@ -220,7 +221,7 @@ mod tests {
     fn an_even_wind_moves_all_alike() {
         let field = bump(DVec3::splat(11.0));
         let wind = wind(Vec3::new(3.0, 0.0, -1.0));
-        assert!((field.way(&wind) - 3.0).abs() < 1e-9);
+        assert!((field.displacement(&wind) - 3.0).abs() < 1e-9);
         for time in [1.0, -2.0, 3.0] {
             let moved = field.advected(&wind, time, 1 << 30).unwrap();
             let expected = bump(DVec3::splat(11.0) + time * DVec3::new(3.0, 0.0, -1.0));

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use glam::DMat4;
 
-/// What moves.
+/// Object that moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Object {
     /// A volume, by its number.
@@ -15,7 +15,7 @@ pub enum Object {
 /// Motion of an object: maps from its space to the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
-    /// What moves.
+    /// Object that moves.
     pub object: Object,
     /// Maps as the shutter opens, halfway, and as it closes.
     pub maps: [DMat4; 3],

@@ -288,7 +288,7 @@ fn what_lies_in_one_plane_is_told_apart() {
         Light::Point { position: corner, intensity: power },
     ] {
         let lit = scene(&empty(), medium(), vec![light], [0.0; 3]);
-        let free = estimates(&among(lit.clone(), &[floor.clone()]), &rays, 64);
+        let free = estimates(&among(lit.clone(), std::slice::from_ref(&floor)), &rays, 64);
         // Once is enough: a second scattering would see the ceiling.
         assert_agree("in the ceiling", &estimates(&among(lit, &[floor.clone(), ceiling.clone()]), &rays, 64), &free);
     }

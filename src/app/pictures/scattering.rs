@@ -421,8 +421,8 @@ impl fmt::Display for Paths {
         if self.unfinished_paths > 0 {
             write!(
                 f,
-                "\nwarning: {} paths had not ended after 4096 scatterings, and their light is missing: give surfaces an \
-                 albedo below 1, or a limit by {}",
+                "\nwarning: {} paths had not ended after 4096 scatterings, and their light is missing: give surfaces \
+                 an albedo below 1, or a limit by {}",
                 self.unfinished_paths,
                 crate::wording::worded("⟨max_bounces⟩")
             )?;

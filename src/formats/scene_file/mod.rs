@@ -110,8 +110,8 @@ pub struct VelocityEntry {
 }
 
 impl SceneFile {
-    /// Returns the paths that the scene names, from its folder: volumes and meshes or their sequences, transfer functions
-    /// and textures.
+    /// Returns the paths that the scene names, from its folder: volumes and meshes or their sequences, transfer
+    /// functions and textures.
     pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
         let volumes = self.volumes.iter().flat_map(|volume| [Some(&volume.file), volume.medium.transfer.as_ref()]);
         let textures = self.lights.iter().map(|light| match light {

@@ -2,8 +2,8 @@
 //!
 //! The diffuse and the emissive color of the `UsdPreviewSurface` that is bound to the mesh, or to subsets of its faces,
 //! count, and without one the `displayColor` of the mesh or of a prim above it. The attributes `cumulo:albedo`,
-//! `cumulo:emission` and `cumulo:holdout` of a mesh, those of scene files, go before them. Reflections, textures and transparency are left out. Meshes are
-//! rendered as their polygons, whatever subdivision they ask for.
+//! `cumulo:emission` and `cumulo:holdout` of a mesh, those of scene files, go before them. Reflections, textures and
+//! transparency are left out. Meshes are rendered as their polygons, whatever subdivision they ask for.
 
 use super::medium::bound_shaders;
 use super::prim::Prim;
@@ -180,13 +180,13 @@ fn stated(stage: &Stage, (mesh, bound): (&Prim, &Prim), time: f64, remarks: &mut
         }
     }
     found.unwrap_or_else(|| {
-        let albedo = shown(stage, mesh, time, remarks).unwrap_or(Material::default().albedo);
+        let albedo = display_color(stage, mesh, time, remarks).unwrap_or(Material::default().albedo);
         Material { albedo, ..Material::default() }
     })
 }
 
 /// Returns the mean display color of a mesh, which a prim above it may state; `None` without one.
-fn shown(stage: &Stage, mesh: &Prim, time: f64, remarks: &mut BTreeSet<String>) -> Option<Vec3> {
+fn display_color(stage: &Stage, mesh: &Prim, time: f64, remarks: &mut BTreeSet<String>) -> Option<Vec3> {
     let of = |prim: &Prim| prim.value("primvars:displayColor", time)?.points().filter(|colors| !colors.is_empty());
     let colors = stage.upwards(mesh).find_map(of)?;
     if colors.iter().any(|color| *color != colors[0]) {

@@ -199,7 +199,7 @@ pub(super) fn brightness(found: &[Tally], shares: &Shares) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::integrator::{First, Met};
+    use crate::render::integrator::{First, Interaction};
     use crate::render::sampler::Sampler;
 
     const UNKNOWN: Caps = Caps { collision: DVec3::INFINITY, event: DVec3::INFINITY, apart: false, peaked: false };
@@ -231,9 +231,9 @@ mod tests {
         for path in 0..paths {
             let mut sampler = Sampler::new(seed, [path as usize, 0], 0);
             let value = value(&mut sampler);
-            let met = Met::Volume(0);
-            let first =
-                value.map(|_| First { distance: 1.0, position: DVec3::ZERO, albedo: Vec3::ONE, met, share: 1.0 });
+            let interaction = Interaction::Volume(0);
+            let none = First { distance: 1.0, position: DVec3::ZERO, albedo: Vec3::ONE, interaction, share: 1.0 };
+            let first = value.map(|_| none);
             let transmittance = if first.is_some() { 0.0 } else { 1.0 };
             let path = Sample { first, transmittance, ..Sample::default() };
             found.add(Vec3::splat(value.unwrap_or(0.0)), &path, 0.0);

@@ -1,7 +1,7 @@
 //! Sums over the rays and paths of a pixel.
 
 use super::halves::{self, Half};
-use crate::render::integrator::{First, Met, Sample};
+use crate::render::integrator::{First, Interaction, Sample};
 use crate::scene::camera::Camera;
 use crate::scene::film::Moments;
 use glam::{DVec2, DVec3, DVec4, Vec3};
@@ -58,7 +58,7 @@ impl Pixel {
     /// Adds the motion of a first collision, as [`View::motion`](super::View) gives it.
     pub(super) fn add_motion(&mut self, first: &First, moved: [DVec2; 2]) {
         let share = f64::from(first.share);
-        let kind = usize::from(matches!(first.met, Met::Surface(_)));
+        let kind = usize::from(matches!(first.interaction, Interaction::Surface(_)));
         self.motion[kind].add(share, moved.map(|v| share * v));
     }
 

@@ -1,7 +1,7 @@
 //! The view that a picture shows: its camera, and what moves from frame to frame.
 
 use crate::math::Ray;
-use crate::render::integrator::{First, Met};
+use crate::render::integrator::{First, Interaction};
 use crate::scene::camera::Camera;
 use crate::scene::holdout::Holdout;
 use crate::scene::velocity::Velocity;
@@ -43,7 +43,7 @@ impl View<'_> {
     pub(super) fn motion(&self, first: &First, now: DVec2) -> [DVec2; 2] {
         let seen = self.camera.project(first.position).filter(|_| !self.camera.blur.is_none());
         let now = seen.map_or(now, |(place, _)| place);
-        let velocity = self.velocities.iter().find(|(volume, _)| first.met == Met::Volume(*volume));
+        let velocity = self.velocities.iter().find(|(volume, _)| first.interaction == Interaction::Volume(*volume));
         let goes = velocity.map_or(DVec3::ZERO, |(_, velocity)| velocity.per_frame(first.position));
         let from_now = |camera: Option<&Camera>, world: DVec3| {
             let place = camera.unwrap_or(self.camera).project(world).map_or(now, |(place, _)| place);

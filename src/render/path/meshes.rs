@@ -10,7 +10,7 @@ use super::{Kernel, Limits, PathTracer, Primary, Scratch, WalkedDepth, survives}
 use crate::math::Ray;
 use crate::render::deep::{Event, Slice};
 use crate::render::dvr::TracedRay;
-use crate::render::integrator::{First, Met, Sample, mean};
+use crate::render::integrator::{First, Interaction, Sample, mean};
 use crate::render::sampler::Sampler;
 use crate::scene::directions::around;
 use crate::scene::meshes::{Material, Meshes, SurfacePoint};
@@ -84,19 +84,19 @@ impl<M: Media> Kernel for AmongMeshes<'_, M> {
         let ray = primary.surface.map_or(*ray, |point| Ray { far: point.distance, ..*ray });
         let PathTracer { lighting, dark, arch, .. } = tracer;
         let walk = Walk { media, meshes, lighting, limits, dark: *dark, scratch };
-        arch.dispatch(Seen { walk, ray, primary, sampler })
+        arch.dispatch(CameraPath { walk, ray, primary, sampler })
     }
 }
 
 /// All that a camera's ray sees, as the unit that is compiled for each instruction set.
-struct Seen<'p, M> {
+struct CameraPath<'p, M> {
     walk: Walk<'p, M>,
     ray: Ray,
     primary: &'p Primary,
     sampler: &'p mut Sampler,
 }
 
-impl<M: Media> pulp::NullaryFnOnce for Seen<'_, M> {
+impl<M: Media> pulp::NullaryFnOnce for CameraPath<'_, M> {
     type Output = Sample;
 
     #[inline(always)]
@@ -114,8 +114,8 @@ impl<M: Media> pulp::NullaryFnOnce for Seen<'_, M> {
         if let Some((collision, mut weight)) = collision.filter(|(collision, _)| collision.distance <= ray.far) {
             let (vertex, emitted) = walk.collide(&collision, &ray);
             let (share, Vertex::Collision { position, albedo, .. }) = (mean(weight), vertex) else { return out };
-            let met = Met::Volume(collision.volume);
-            out.first = Some(First { distance: collision.distance, position, albedo, met, share });
+            let interaction = Interaction::Volume(collision.volume);
+            out.first = Some(First { distance: collision.distance, position, albedo, interaction, share });
             out.unscattered += weight * emitted;
             // Where little is met, little is followed.
             let chance = (lighting.often * f64::from(share)).min(1.0);
@@ -142,7 +142,8 @@ impl<M: Media> pulp::NullaryFnOnce for Seen<'_, M> {
             out.direct += seen.direct;
             out.indirect += seen.indirect;
             out.transmittance = 0.0;
-            out.surface = Some(First { distance, position, albedo, met: Met::Surface(normal), share: opacity });
+            out.surface =
+                Some(First { distance, position, albedo, interaction: Interaction::Surface(normal), share: opacity });
         }
         out
     }
@@ -217,7 +218,7 @@ impl<P: PhaseFunction> Vertex<P> {
     }
 }
 
-/// What a path needs on its way.
+/// Scene and scratch memory that a path needs on its way.
 struct Walk<'p, M> {
     media: &'p M,
     meshes: &'p Meshes,
@@ -303,7 +304,7 @@ impl<M: Media> Walk<'_, M> {
             }
             let next = media.collide(&ray, weight, sampler, self.scratch);
             // A light in the plane of a surface is before it.
-            let reach = next.map_or_else(|| meshes.beyond(ray.far), |(collision, _)| collision.distance);
+            let reach = next.map_or_else(|| meshes.reach(ray.far), |(collision, _)| collision.distance);
             let survival = |distance| media.survival(&ray, distance, weight, self.scratch);
             let met = lighting.hit_radiance(&ray, reach, density, survival, |_, _| 1.0);
             *if once { &mut out.direct } else { &mut out.indirect } += weight * met;

@@ -31,7 +31,7 @@ use crate::error::Result;
 use crate::math::{Aabb, Ray};
 use crate::render::deep::{Event, Slice};
 use crate::render::dvr::{Tape, TracedRay};
-use crate::render::integrator::{Counts, First, Integrator, Met, Sample, mean};
+use crate::render::integrator::{Counts, First, Integrator, Interaction, Sample, mean};
 use crate::render::preshaded;
 use crate::render::sampler::Sampler;
 use crate::scene::environment::Environment;
@@ -139,9 +139,9 @@ trait Kernel: Sync + Send {
 
 impl<M: Media> Kernel for M {
     fn normal(&self, first: &First) -> DVec3 {
-        match first.met {
-            Met::Volume(volume) => Media::normal(self, volume, first.position),
-            Met::Surface(normal) => normal,
+        match first.interaction {
+            Interaction::Volume(volume) => Media::normal(self, volume, first.position),
+            Interaction::Surface(normal) => normal,
         }
     }
 
@@ -391,7 +391,8 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
             if bounces == 0 {
                 let Collision { distance, volume, .. } = collision;
                 let share = mean(weight);
-                out.first = Some(First { distance, position: at, albedo, met: Met::Volume(volume), share });
+                out.first =
+                    Some(First { distance, position: at, albedo, interaction: Interaction::Volume(volume), share });
                 let chance = (lighting.often * f64::from(share)).min(1.0);
                 if spare >= chance {
                     break;

@@ -18,7 +18,7 @@ pub(crate) struct MeshPrim {
     pub frames: Vec<(Option<u32>, Mesh)>,
     /// Map from the space of the polygons to the stage's.
     pub placement: Option<DMat4>,
-    /// What the surface does with light.
+    /// Material of the surface.
     pub material: Material,
 }
 
