@@ -110,9 +110,17 @@ def _complaints_of(scene, complaints):
         )
     for placed in placed_objects(scene, complaints):
         thing = placed.object
-        if thing.type != "VOLUME" or not thing.original.cycles.use_motion_blur or goes_with_velocities(thing):
+        if thing.type != "VOLUME" or not thing.original.cycles.use_motion_blur:
             continue
-        if _has_velocities(thing.data):
+        if goes_with_velocities(thing):
+            if scene.render.motion_blur_position == "END":
+                yield Complaint(
+                    named("object", thing),
+                    "its velocities blur a frame at whose end the shutter closes, and Cycles takes them for a later time",
+                    "choose the position Center or Start (Render Properties > Motion Blur)",
+                    "the volume is blurred by where it was",
+                )
+        elif _has_velocities(thing.data):
             yield Complaint(
                 named("object", thing),
                 f"it is blurred by its velocities ({thing.data.velocity_grid}), by three grids or a Velocity Scale",

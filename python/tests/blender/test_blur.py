@@ -172,6 +172,21 @@ def test_blur_is_that_of_cycles(fixtures, cumulo, cumulo_parity, tmp_path, chang
         cumulo_parity.statistical(of_cycles, lambda seed, path: rendered(seed, path, *SHARP))
 
 
+def test_velocities_at_the_end_of_a_frame_are_told(fixtures, tmp_path):
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    smoke_that_is_blown(scene, "END")
+    with pytest.raises(bpy_scene.Refused, match="later time") as refused:
+        bpy_scene.export(tmp_path / "out")
+    assert refused.value.can_be_left_out
+    exported = bpy_scene.export(tmp_path / "out", ignore=True)
+    frame = json.loads(exported.cameras.read_text())["frames"][0]
+    assert frame["shutter_open"] == pytest.approx(-0.9) and frame["shutter_close"] == 0
+    # Without motion blur of its own the smoke stands still.
+    scene.objects["Smoke"].cycles.use_motion_blur = False
+    exported = bpy_scene.export(tmp_path / "still")
+    assert "velocity" not in json.loads(exported.scene.read_text())["volumes"][0]
+
+
 def test_apertures_and_motion_are_stated_in_the_capture(fixtures, tmp_path):
     scene = smoke_scene.smoke(fixtures / "plume.vdb")
     blades(scene)
