@@ -60,7 +60,7 @@ struct RenderArgs {
     /// Planes to write beside RGBA, one or more
     #[arg(long, value_parser = choice::<Aov>(), value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
-    /// Grid of the volume's velocities in world units per second, for --aov motion
+    /// Grid of the volume's velocities in world units per second, for --aov motion and --shutter
     #[arg(long, value_name = "GRID")]
     velocity: Option<String>,
     /// Frames per second; 1 for velocities in world units per frame

@@ -225,8 +225,9 @@ fn scenes_move_with_what_stands_above() {
         (over("rig", "Scope", &format!("{blinking}\n {smoke}")), true),
         (over("rig", "Camera", &format!("{moving}\n def SphereLight \"l\" {{}}")) + &smoke, true),
         (over("m", "Material", &over("s", "Shader", shader)) + &smoke, true),
-        // The camera and a mesh are no part of the scene.
-        (over("c", "Camera", moving) + &over("mesh", "Mesh", moving) + &smoke, false),
+        (over("mesh", "Mesh", moving) + &smoke, true),
+        // The camera, and surfaces that are not rendered, are no part of the scene.
+        (over("c", "Camera", moving) + &over("cube", "Cube", moving) + &smoke, false),
     ] {
         assert_eq!(load(&stages.open(&text)).unwrap().moving, expected, "{text}");
     }

@@ -15,8 +15,8 @@ struct BlurArgs {
     /// of the volume, but of frames it must be stated)
     #[arg(long, value_name = "D", value_parser = parse::positive, allow_negative_numbers = true)]
     focus: Option<f64>,
-    /// Motion blur of a moving camera: time in frames during which the shutter is open, about the frame; 0.5 is film's
-    /// 180 degrees, 0 switches it off (default: that of the camera). Volumes are not blurred by their own motion
+    /// Motion blur: time in frames during which the shutter is open, about the frame; 0.5 is film's 180 degrees, 0
+    /// switches it off (default: that of the camera). The camera moves in it, and volumes that have velocities
     #[arg(long, value_name = "FRAMES", value_parser = parse::not_negative, allow_negative_numbers = true)]
     shutter: Option<f64>,
 }
