@@ -202,28 +202,6 @@ def Xform "World" {
         double3 xformOp:translate = (0, 0, 5)
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]
     }
-    def Mesh "box" {
-        uniform token subdivisionScheme = "none"
-        point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1)]
-        int[] faceVertexCounts = [4, 3, 3]
-        int[] faceVertexIndices = [0, 1, 2, 3, 0, 1, 4, 1, 2, 4]
-        color3f[] primvars:displayColor = [(0.5, 0.5, 0.25)]
-        custom color3f cumulo:emission = (1, 2, 3)
-        rel material:binding = </World/red>
-        def GeomSubset "side" {
-            uniform token elementType = "face"
-            int[] indices = [1, 2]
-            rel material:binding = </World/red>
-        }
-    }
-    def Material "red" {
-        token outputs:surface.connect = </World/red/shader.outputs:surface>
-        def Shader "shader" {
-            uniform token info:id = "UsdPreviewSurface"
-            color3f inputs:diffuseColor = (0.75, 0.25, 0.5)
-            token outputs:surface
-        }
-    }
     def SphereLight "lamp" (
         kind = "component"
         customData = { string note = "a" }
@@ -373,8 +351,8 @@ impl Corpus {
             record("tf-page", &["report page", "report page --reference @piecewise.tf.json"]),
         ];
 
-        let scenes = ["scene.json", "fire.json", "plume.vdb", "sky.exr", "text.ply"].map(|damaged| {
-            let files = ["scene.json", "fire.json", "plume.vdb", "sky.exr", "piecewise.tf.json", "text.ply"];
+        let scenes = ["scene.json", "fire.json", "plume.vdb", "sky.exr"].map(|damaged| {
+            let files = ["scene.json", "fire.json", "plume.vdb", "sky.exr", "piecewise.tf.json"];
             Sample {
                 name: format!("scene {damaged}"),
                 files: files.map(|name| (PathBuf::from("scene").join(name), read(&scene_file(name)))).into(),
@@ -575,13 +553,6 @@ impl Maker {
                 {"type": "RectLight", "corner": [0, 0, 4], "edges": [[0, 1, 0], [1, 0, 0]], "radiance": [4, 4, 4]},
                 {"type": "PointLight", "position": [3, 3, 3], "intensity": [4, 4, 4]},
                 {"type": "DomeLight", "radiance": [1, 1, 1], "texture": "sky.exr"},
-            ],
-            "meshes": [
-                {"file": "text.ply", "albedo": [0.5, 0.25, 0.75], "emission": [1, 2, 3],
-                    "transform": [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 0.5], [0, 0, 0, 1]],
-                    "transform_start": [[1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 1, 0.5], [0, 0, 0, 1]],
-                    "transform_end": [[1, 0, 0, 2], [0, 1, 0, 1], [0, 0, 1, 0.5], [0, 0, 0, 1]]},
-                {"file": "text.ply", "holdout": true},
             ],
         });
         self.write("scene.json", &serde_json::to_string_pretty(&scene).unwrap());
