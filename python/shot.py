@@ -1,6 +1,6 @@
 """A shot of Blender with smoke in it, rendered by Cumulo and by Cycles, denoised, and composited by Blender's compositor.
 
-    shot.py OUT [--frames 24] [--size 320x200] [--samples 32] [--sheet sheet.png]
+    shot.py OUT [--frames 24] [--size 320x200] [--samples 64] [--sheet sheet.png]
 
 A floor and a ball stand in sun and spot light, a smoke goes up between them, and a camera moves past, with depth of field
 and motion blur, of the smoke by its velocities, too. OUT gets the VDBs, the export, both renders, the denoised frames and the composites, and `sheet.png` shows
@@ -220,7 +220,7 @@ def write_sheet(rows, path):
     image.save()
 
 
-def shoot(out, frames=24, size=(320, 200), samples=32, sheet=None):
+def shoot(out, frames=24, size=(320, 200), samples=64, sheet=None):
     """Makes the shot in the folder `out`; returns the folders of the frames by Cycles and by Cumulo, denoised."""
     program = os.environ.get("CUMULO", "cumulo")
 
@@ -256,7 +256,7 @@ def main():
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("--frames", type=int, default=24)
     parser.add_argument("--size", type=lambda text: tuple(map(int, text.split("x"))), default=(320, 200))
-    parser.add_argument("--samples", type=int, default=32)
+    parser.add_argument("--samples", type=int, default=64)
     parser.add_argument("--sheet", type=pathlib.Path)
     options = parser.parse_args()
     theirs, ours = shoot(options.out, options.frames, options.size, options.samples, options.sheet)

@@ -27,7 +27,7 @@ pub use crate::app::figure::FigureSettings;
 pub use crate::app::function::FunctionSettings;
 pub use crate::app::gradient::GradientSettings;
 pub use crate::app::info::InfoSettings;
-pub use crate::app::motion::MotionSettings;
+pub use crate::app::motion::{MotionFormat, MotionSettings};
 pub use crate::app::pictures::scattering::ScatteringSettings;
 pub use crate::app::pictures::{DensityScale, PictureSettings, PlanningSettings};
 pub use crate::app::plan::PlanSettings;

@@ -20,6 +20,7 @@ pub mod compare;
 pub mod context;
 pub mod convert;
 pub mod denoise;
+pub(crate) mod depths;
 pub mod diff;
 pub(crate) mod earlier;
 pub mod failed;

@@ -6,11 +6,14 @@ use super::parse;
 use crate::app::render::MergeSettings;
 use std::path::PathBuf;
 
-/// Join path-traced pictures of the same scene and view that were rendered apart: a farm's replicates, or other seeds
+/// Join pictures of the same view: those of a farm's replicates or of other seeds, and the samples of deep ones
 ///
 /// Pictures are weighted by their paths. Those of render --replicates A-B are joined to the bits of the picture that
 /// one machine would have rendered, whatever their order; the error of the whole is stated, and the result can be
 /// joined again.
+///
+/// Deep pictures become one with the samples of all, sorted by depth: parts that render --crop made, or several
+/// elements of a shot.
 #[derive(Debug, clap::Args)]
 struct MergeArgs {
     /// Pictures by render: parts of --replicates A-B, of different --seed, or joined ones; with --target-error or

@@ -3,7 +3,7 @@
 use super::args::read_as;
 use super::memory::Memory;
 use super::parse;
-use crate::app::motion::{MotionSettings, SAMPLES};
+use crate::app::motion::{MotionFormat, MotionSettings, SAMPLES};
 use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::formats::sequence::Frames;
@@ -11,10 +11,10 @@ use std::path::PathBuf;
 
 /// Write the motion of what pictures of a volume show, as a layer that denoisers follow
 ///
-/// A pixel's motion is the mean over the first collisions of its rays with the volume. The layer `Vector` holds X and
-/// Y, the place in the frame before minus that now, and Z and W, the place now minus that in the frame after, in pixels
-/// to the right and upwards. `cumulo denoise --motion files:'motion.####.exr'` takes it, and the alpha that is with it:
-/// give the transfer function and the density scale that the pictures show.
+/// A pixel's motion is the mean over the first collisions of its rays with the volume, in pixels to the right and
+/// upwards. `cumulo denoise --motion files:'motion.####.exr'` takes the layer `Vector`, and the alpha that is with it:
+/// give the transfer function and the density scale that the pictures show. --format writes the layers of other
+/// programs.
 #[derive(Debug, clap::Args)]
 struct MotionArgs {
     /// VDB, NanoVDB or scan of all frames, or of each: 'smoke.####.vdb'; or a scene file or USD stage
@@ -44,6 +44,9 @@ struct MotionArgs {
     /// Frames per second; 1 for velocities in world units per frame
     #[arg(long, value_name = "F", default_value_t = 24.0, value_parser = parse::positive, requires = "velocity")]
     fps: f64,
+    /// Layers of the motion
+    #[arg(long, value_enum, default_value_t)]
+    format: MotionFormat,
     /// Replace pictures that other settings made
     #[arg(long)]
     overwrite: bool,
@@ -72,6 +75,7 @@ impl From<MotionArgs> for MotionSettings {
             transfer: args.transfer,
             velocity: args.velocity,
             fps: args.fps,
+            format: args.format,
             overwrite: args.overwrite,
             samples: args.samples,
             limits: args.memory.limits(),

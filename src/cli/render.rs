@@ -5,6 +5,7 @@ use super::parse;
 use super::values::choice;
 use crate::app::pictures::PictureSettings;
 use crate::app::render::{AccuracySettings, BlurSettings, HoldoutSettings, RenderSettings};
+use crate::formats::exr::Packing;
 use crate::formats::sequence::Frames;
 use crate::render::film::Aov;
 use std::path::PathBuf;
@@ -30,6 +31,10 @@ struct RenderArgs {
     /// 32. With --resume a picture that was stopped begins anew
     #[arg(long)]
     half: bool,
+    /// How EXRs are packed: zip without loss, or dwaa or dwab, which lose digits of colors by a level of 45 unless
+    /// another is given, as in dwaa:20; alpha and planes that are no colors keep theirs
+    #[arg(long, value_name = "zip|dwaa|dwab", default_value_t)]
+    compression: Packing,
     /// Exposure of PNGs in stops (default: 0)
     #[arg(long, value_name = "EV", value_parser = parse::exposure, allow_negative_numbers = true)]
     exposure: Option<f64>,
@@ -71,7 +76,7 @@ struct RenderArgs {
     /// Write deep EXRs, whose pixels keep at which depths their light comes from, for compositing with other elements:
     /// as few samples as err by at most E, from 1e-4 to 0.5, in color and alpha before any depth; 0.01 is hardly seen.
     /// Colors are measured by 1, or by the pixel's brightest channel. The background is left out. Not with --aov,
-    /// --png, --half, --denoise, --holdout and options that state an error
+    /// --png, --half, --compression, --denoise, --holdout and options that state an error
     #[arg(long, value_name = "E", value_parser = parse::positive)]
     deep: Option<f64>,
     #[command(flatten)]
@@ -89,6 +94,7 @@ impl From<RenderArgs> for RenderSettings {
             overwrite: args.overwrite,
             png: args.png,
             half: args.half,
+            compression: args.compression,
             exposure: args.exposure,
             frames: args.frames,
             camera_offset: args.camera_offset,

@@ -6,6 +6,7 @@ use crate::app::convert::{Convention, Form, Repair, UpTarget};
 use crate::app::denoise::{Cuts, Direction, Filter, Guide};
 use crate::app::figure::{Background, Orientation};
 use crate::app::gradient::{LossName, Wrt};
+use crate::app::motion::MotionFormat;
 use crate::app::reconstruct::refinement::Refined;
 use crate::app::reconstruct::{density, transfer};
 use crate::app::study::denoise::DenoiseKnob;
@@ -80,6 +81,8 @@ value_enum!(Choice for Aov {
     Depth: "depth", "Mean length along the viewing axis to first collisions: Depth.Z (path tracing)";
     Motion: "motion", "Pixels that first collisions move from and to the next frame: Vector.X, .Y, .Z and .W (path \
                        tracing)";
+    BackwardMotion: "backward-motion", "Pixels and depth from the frame before, for temporal denoisers: Denoising \
+                                        Backward Motion.X, .Y and .Z (path tracing)";
     Samples: "samples", "Number of paths: Debug Sample Count.X (path tracing)";
     Halves: "halves", "Radiance of two independent halves of the paths: half_a.R, …, half_b.B (path tracing)";
     Replicates: "replicates", "Sums over replicates, 31 channels, by which `cumulo merge` joins pictures of \
@@ -213,6 +216,16 @@ value_enum!(ValueEnum for Guide {
     Alpha: "alpha", "Alpha: of the files of the motion, else of the layer, else of the beauty; it does not count where \
                      it is noisy";
     None: "none", "The colors alone";
+});
+
+value_enum!(ValueEnum for MotionFormat {
+    Blender: "blender", "Vector.X and .Y, the place in the frame before minus that now, and .Z and .W, the place now \
+                         minus that in the frame after";
+    Nuke: "nuke", "forward.u and .v, the place in the frame after minus that now; backward.u and .v, the place in the \
+                   frame before minus that now";
+    Oidn: "oidn", "Denoising Backward Motion.X and .Y, the place in the frame before minus that now, and .Z, the \
+                   length along the viewing axis in the frame before minus that now: what Cycles 5.2 hands to the \
+                   denoiser";
 });
 
 value_enum!(ValueEnum for Cuts {

@@ -10,6 +10,7 @@ use crate::scene::emission::Emitted;
 use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::motion::{Motion, Object};
 use crate::scene::scene::Scene;
+use crate::scene::topology::table_entries;
 use crate::scene::velocity::Velocity;
 use crate::scene::volume::Volume;
 use glam::{DMat4, DVec3, IVec3};
@@ -145,22 +146,37 @@ impl<V: Voxel + Add<Output = V> + Mul<f32, Output = V>> Bricks<V> {
             let [a, b] = self.steps(velocity, *brick).map(|step| time * step);
             let low = (8 * *brick).as_dvec3() + a.min(b) - 1.0;
             let high = (8 * *brick + 8).as_dvec3() + a.max(b) + 1.0;
-            [low, high].map(|at| at.floor().as_ivec3() >> 3)
+            [low, high].map(|at| (at / 8.0).floor())
         };
-        let boxes: Vec<[IVec3; 2]> = places.par_iter().map(reached).collect();
+        let boxes: Vec<[DVec3; 2]> = places.par_iter().map(reached).collect();
+        let too_large = || {
+            Error::unsupported("a volume that moves is too large for its motion to be blurred")
+                .coded(Code::MemoryLimit)
+                .hint("raise ⟨max_memory⟩, or give ⟨shutter=0⟩ for pictures without motion")
+        };
         let each = 2 * (BRICK * size_of::<V>()) as u64;
+        let most = max_memory / each;
+        // Boxes overlap. Far more bricks than there is memory for are refused before one of them is counted.
+        let visited: f64 = boxes.iter().map(|[low, high]| (*high - *low + 1.0).element_product()).sum();
+        if visited.is_nan() || visited > 64.0 * most as f64 {
+            return Err(too_large());
+        }
         let mut needed = BTreeSet::new();
-        for [low, high] in boxes {
+        for [low, high] in boxes.into_iter().map(|ends| ends.map(|at| at.as_ivec3())) {
             for x in low.x..=high.x {
                 for y in low.y..=high.y {
                     needed.extend((low.z..=high.z).map(|z| [x, y, z]));
                 }
             }
-            if needed.len() as u64 * each > max_memory {
-                return Err(Error::unsupported("a volume that moves is too large for its motion to be blurred")
-                    .coded(Code::MemoryLimit)
-                    .hint("raise ⟨max_memory⟩, or give ⟨shutter=0⟩ for pictures without motion"));
+            if needed.len() as u64 > most {
+                return Err(too_large());
             }
+        }
+        let corner = |[a, b]: [IVec3; 2], brick: &[i32; 3]| [a.min((*brick).into()), b.max((*brick).into())];
+        let [low, high] = needed.iter().fold([IVec3::MAX, IVec3::MIN], corner);
+        let table = if needed.is_empty() { 0 } else { table_entries(low, high)? };
+        if (table * size_of::<u32>()) as u64 > max_memory {
+            return Err(too_large());
         }
         let topology = Arc::new(Topology::new(needed.into_iter().map(IVec3::from_array))?);
         let mut owned = vec![self.background; topology.len() * LEAF_VOXELS];
@@ -234,6 +250,18 @@ mod tests {
             }
         }
         assert!(field.advected(&wind, 1.0, 1 << 10).is_err());
+    }
+
+    /// A gust that no file should hold is refused at once: its bricks are neither counted nor indexed.
+    #[test]
+    fn gusts_beyond_memory_are_refused() {
+        let field = bump(DVec3::splat(11.0));
+        for speed in [1e6, 1e12, 1e30] {
+            let wind = wind(Vec3::new(speed, -speed, speed));
+            for time in [1.0, -1.0] {
+                assert!(field.advected(&wind, time, 1 << 28).is_err(), "{speed} {time}");
+            }
+        }
     }
 
     #[test]

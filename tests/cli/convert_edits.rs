@@ -344,3 +344,98 @@ fn a_grid_that_is_named_twice_counts_once() {
     assert_eq!(grids("convert out.nvdb back.vdb --grid density --grid density"), 1);
     work.json("convert in.vdb out.npy --grid density --grid density");
 }
+
+/// Values of a grid that is computed are those of the expression in each voxel, and so is the value outside.
+#[test]
+fn grids_are_computed_voxel_by_voxel() {
+    let work = Work::new();
+    let native = |grid: &Grid| NativeGrid::from_grid(grid).unwrap();
+    let density = volume("density", 1, |p| if p.length() < 7.0 { (0.1 * p.x + 1.0) as f32 } else { 0.0 });
+    // On one side alone, with a value outside.
+    let warm = |p: DVec3| if p.y < -2.0 { 300.0 - p.z as f32 } else { 20.0 };
+    let mut heat = Grid { background: 20.0, ..volume("heat", 1, warm) };
+    heat.leaves.retain(|leaf| leaf.origin[0] < 0);
+    let tile = cumulo::scene::grid::Tile { origin: [16, 0, 0], dim: 8, value: 400.0, active: true };
+    heat.tiles.push(tile);
+    write(&work.path("in.vdb"), &[&native(&density), &native(&heat)]);
+    let report = work.json(
+        "convert in.vdb out.vdb --eval density=max(density-0.5,0)*heat --eval warm=if(heat>25,1,0)*z --grid density",
+    );
+    let names: Vec<&str> = report["grids"].as_array().unwrap().iter().map(|g| g["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["density", "warm"]);
+    assert_eq!(report["grids"][0]["from"], "max(density-0.5,0)*heat");
+    let file = File::open(work.path("out.vdb"), Limits::default()).unwrap();
+    let [found, found_warm] = ["density", "warm"].map(|name| file.read_grid(name).unwrap());
+    assert_eq!((found.class, found.background), (GridClass::FogVolume, 0.0));
+    let value = |grid: &Grid, p: [i32; 3]| {
+        let inside =
+            |t: &&cumulo::scene::grid::Tile| (0..3).all(|a| (t.origin[a]..t.origin[a] + t.dim).contains(&p[a]));
+        let tile = grid.tiles.iter().find(inside).map(|t| (t.value, t.active));
+        at(grid, p).or(tile).unwrap_or((grid.background, false))
+    };
+    let mut checked = 0;
+    for x in -8..24 {
+        for (y, z) in (-8..8).flat_map(|y| (-8..8).map(move |z| (y, z))) {
+            let p = [x, y, z];
+            let [(d, of_density), (h, of_heat)] = [value(&density, p), value(&heat, p)];
+            let [product, warm] = [value(&found, p), value(&found_warm, p)];
+            assert!((product.0 - (d - 0.5).max(0.0) * h).abs() <= 1e-6 * product.0.abs(), "{p:?}: {product:?}");
+            let world = found.transform.to_world(DVec3::new(x.into(), y.into(), z.into()));
+            let expected = if h > 25.0 { world.z as f32 } else { 0.0 };
+            assert_eq!((warm.0, warm.1), (expected, of_heat), "{p:?}");
+            assert_eq!(product.1, of_density || of_heat, "{p:?}");
+            checked += usize::from(product.1);
+        }
+    }
+    assert!(checked > 1000, "{checked}");
+    // What is outside becomes what the expression makes of it; a level set keeps its inside.
+    work.json("convert in.vdb out.vdb --eval heat=heat/10-4");
+    let cold = File::open(work.path("out.vdb"), Limits::default()).unwrap().read_grid("heat").unwrap();
+    assert_eq!((cold.background, cold.class), (-2.0, GridClass::Unknown));
+    work.json("convert @sphere_level_set.vdb grown.vdb --eval {surface}={surface}-0.1");
+}
+
+#[test]
+fn components_of_vectors_and_names_in_braces_are_values() {
+    let work = Work::new();
+    work.json("convert @kinds.vdb out.vdb --eval speed=sqrt(velocity.x^2+velocity.y^2+{velocity.z}^2)");
+    let file = File::open(work.path("out.vdb"), Limits::default()).unwrap();
+    let speed = file.read_grid("speed").unwrap();
+    let vectors = file.read("velocity").unwrap().to_raw().unwrap();
+    let mut checked = 0;
+    for leaf in &vectors.leaves {
+        for (i, v) in leaf.values.chunks_exact(3).enumerate() {
+            let p = [(i >> 6) as i32, (i >> 3 & 7) as i32, (i & 7) as i32];
+            let Some((found, active)) = at(&speed, std::array::from_fn(|a| leaf.origin[a] + p[a])) else { continue };
+            let expected = v.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>().sqrt() as f32;
+            assert_eq!((found, active), (expected, leaf.active[i >> 6] >> (i & 63) & 1 == 1));
+            checked += 1;
+        }
+    }
+    assert!(checked >= 512, "{checked}");
+}
+
+#[test]
+fn grids_that_cannot_be_computed_are_refused() {
+    let work = Work::new();
+    let native = NativeGrid::from_grid(&volume("density", 1, |p| if p.x > 0.0 { 1.0 } else { 0.0 })).unwrap();
+    write(&work.path("a.vdb"), &[&native]);
+    work.json("convert a.vdb b.vdb --resample 0.3 --rename density=fine");
+    work.json("convert a.vdb b.vdb two.vdb");
+    let refused = |words: &str, code: Code, facts: &[&str]| {
+        work.refused(&format!("convert {words}"), code, facts);
+        assert!(!work.path("no.vdb").exists());
+    };
+    refused("a.vdb no.vdb --eval d=ash*2", Code::NoSuchGrid, &["--eval d=ash*2", "no grid 'ash'", "'density'"]);
+    refused("a.vdb no.vdb --eval d=1+x", Code::Invalid, &["names no grid"]);
+    refused("a.vdb no.vdb --eval d=ln(density)", Code::Invalid, &["outside", "-inf", "max(density, 1e-6)"]);
+    refused("a.vdb no.vdb --eval d=1/(density-1)", Code::Invalid, &["voxel [", "inf", "density = 1"]);
+    refused("a.vdb no.vdb --eval d=density+x", Code::Invalid, &["depends on the place", "density * z"]);
+    refused("two.vdb no.vdb --eval d=density+fine", Code::Unsupported, &["'fine'", "different lattices", "--resample"]);
+    refused("@kinds.vdb no.vdb --eval d=velocity*2", Code::Unsupported, &["velocity", "velocity.x"]);
+    refused("a.vdb no.vdb --eval d=density --eval d=density*2", Code::Invalid, &["twice"]);
+    refused("a.vdb no.vdb --eval d=density+", Code::Usage, &["--eval", "ends where"]);
+    refused("a.vdb no.vdb --eval density", Code::Usage, &["NAME=EXPRESSION"]);
+    refused("a.vdb b.vdb no.vdb --eval d=density", Code::Invalid, &["--eval edits the grids of one file"]);
+    refused("a.vdb no.npy --eval d=density", Code::Invalid, &["--eval has no effect"]);
+}

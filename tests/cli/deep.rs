@@ -122,7 +122,6 @@ fn what_takes_flat_pictures_says_how_to_make_one() {
         "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]] }] }"#;
     std::fs::write(work.path("transforms.json"), capture).unwrap();
     for words in [
-        "merge deep.exr deep.exr -o out.exr",
         "denoise deep.exr -o out.exr",
         "compare --statistical deep.exr deep.exr",
         "reconstruct density transforms.json -o out.vdb",
@@ -135,4 +134,83 @@ fn what_takes_flat_pictures_says_how_to_make_one() {
     refusal::refused(&mut work.command("compare deep.exr flat.exr --layer depth"), Code::NoSuchLayer, &["depth"]);
     refusal::refused(&mut work.command("render deep.exr --views 1 -o out.exr"), Code::Invalid, &["picture"]);
     assert!(!work.path("out.exr").exists());
+}
+
+/// A deep picture that is held out shows what is before and within another deep one, or before depths.
+#[test]
+fn deep_pictures_are_held_out() {
+    let work = Work::new();
+    write(&work.path("deep.exr"), pixel);
+    // A veil of half the opacity before all, and a wall within the haze in the lower half.
+    let prop = |_: usize, y: usize| {
+        let veil = DeepSample { z: 1.0, z_back: 1.0, rgba: [0.5, 0.0, 0.0, 0.5] };
+        let wall = DeepSample { z: 4.0, z_back: 4.0, rgba: [1.0, 1.0, 1.0, 1.0] };
+        if y < 5 { vec![veil] } else { vec![wall, veil] }
+    };
+    write(&work.path("prop.exr"), prop);
+    work.json("convert deep.exr held.exr --flatten --holdout prop.exr");
+    let film = exr::read_film_within(&work.path("held.exr"), None, Default::default()).unwrap();
+    for (i, found) in film.rgba.iter().enumerate() {
+        let [x, y] = [i % SIZE[0], i / SIZE[0]];
+        let tidy = TidyPixel::new(&pixel(x, y));
+        let seen = if y < 5 { tidy.rgba() } else { tidy.rgba_before(4.0) };
+        let expected = seen.map(|v| 0.5 * v);
+        assert!((0..4).all(|c| (f64::from(found[c]) - expected[c]).abs() < 1e-6), "{x} {y}: {found:?} {expected:?}");
+    }
+    // Depths of opaque objects, as other renderers write them.
+    let mut depths = cumulo::scene::film::Film::of(SIZE[0], SIZE[1], vec![[0.0; 4]; SIZE[0] * SIZE[1]]);
+    let samples = (0..SIZE[0] * SIZE[1]).map(|i| if i / SIZE[0] < 5 { 1e10 } else { 4.0 }).collect();
+    depths.planes.push(cumulo::scene::film::Plane { name: "Depth.Z".into(), samples });
+    exr::write_picture(&work.path("depth.exr"), &depths, &Attributes::new(), exr::Half::None).unwrap();
+    work.json("convert deep.exr walled.exr --flatten --holdout depth.exr");
+    let walled = work.picture("walled.exr");
+    for (walled, held) in walled.rgba.iter().zip(&film.rgba) {
+        assert!((0..4).all(|c| (0.5 * walled[c] - held[c]).abs() < 1e-6), "{walled:?} {held:?}");
+    }
+    work.json("convert deep.exr walled.png --flatten --holdout depth.exr");
+    // Of a sequence each frame has its own.
+    for (number, prop) in [(1, "prop.exr"), (2, "depth.exr")] {
+        std::fs::copy(work.path("deep.exr"), work.path(&format!("in.{number}.exr"))).unwrap();
+        std::fs::copy(work.path(prop), work.path(&format!("prop.{number}.exr"))).unwrap();
+    }
+    work.json("convert in.#.exr out.#.exr --flatten --holdout prop.#.exr");
+    assert_eq!(work.picture("out.1.exr").rgba, film.rgba);
+    assert_eq!(work.picture("out.2.exr").rgba, walled.rgba);
+    work.refused("convert deep.exr no.exr --holdout prop.exr", Code::Usage, &["--flatten"]);
+    work.refused("convert deep.exr no.exr --flatten --holdout none.exr", Code::NotFound, &["none.exr"]);
+    work.refused("convert deep.exr no.exr --flatten --holdout @exr/zip.exr", Code::Invalid, &["zip.exr"]);
+    work.json("render @plume.vdb --views 1 --size 8x8 --deep 0.1 -o small.exr");
+    work.refused("convert deep.exr no.exr --flatten --holdout small.exr", Code::Invalid, &["8x8", "24x10"]);
+}
+
+/// Deep pictures are joined: parts to the whole, elements to what all their samples show.
+#[test]
+fn deep_pictures_are_joined() {
+    let work = Work::new();
+    let words = "render @plume.vdb --views 1 --size 24x20 --density-scale 8 --deep 0.02";
+    work.json(&format!("{words} -o whole.exr"));
+    for (name, part) in [("a.exr", "0,0,10,20"), ("b.exr", "10,0,24,12"), ("c.exr", "10,12,24,20")] {
+        work.json(&format!("{words} --crop {part} -o {name}"));
+    }
+    let report = work.json("merge a.exr b.exr c.exr -o joined.exr");
+    let [whole, joined] = ["whole.exr", "joined.exr"].map(|name| deep::read(&work.path(name)).unwrap());
+    assert_eq!((whole.lines, whole.data_window), (joined.lines, joined.data_window));
+    assert_eq!(joined.attributes["cumulo:camera"], whole.attributes["cumulo:camera"]);
+    assert!(report["samples"].as_u64().unwrap() > 100 && report["replicates"].is_null(), "{report}");
+    // Elements.
+    write(&work.path("one.exr"), pixel);
+    let ball = DeepSample { z: 4.0, z_back: 4.5, rgba: [0.5, 0.5, 0.5, 0.75] };
+    write(&work.path("two.exr"), |x, _| if x < 12 { vec![ball] } else { vec![] });
+    work.json("merge two.exr one.exr -o both.exr");
+    let both = deep::read(&work.path("both.exr")).unwrap();
+    for (x, y) in (0..SIZE[0]).flat_map(|x| (0..SIZE[1]).map(move |y| (x, y))) {
+        let mut expected = pixel(x, y);
+        expected.extend((x < 12).then_some(ball));
+        assert_eq!(TidyPixel::new(both.samples(x, y)).rgba(), TidyPixel::new(&expected).rgba(), "{x} {y}");
+        assert!(both.samples(x, y).is_sorted_by(|a, b| a.z <= b.z));
+    }
+    work.refused("merge whole.exr one.exr -o no.exr", Code::Invalid, &["one.exr", "display window", "whole.exr"]);
+    std::fs::copy(fixture("exr/zip.exr"), work.path("flat.exr")).unwrap();
+    work.refused("merge one.exr flat.exr -o no.exr", Code::Unsupported, &["flat.exr", "no deep picture"]);
+    work.refused("merge one.exr two.exr --target-error 0.1 -o no.exr", Code::Invalid, &["--target-error"]);
 }

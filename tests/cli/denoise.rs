@@ -242,6 +242,47 @@ fn cuts_are_found() {
     }
 }
 
+/// Layouts for other programs hold the same motion: Nuke's both ways from now, and Cycles' backward motion with the depth,
+/// which changes by what a camera goes along its axis.
+#[test]
+fn motion_is_written_for_other_programs() {
+    let work = Work::new();
+    let frame = |number: u32| {
+        let at = 5.0 + 0.25 * f64::from(number);
+        serde_json::json!({"file_path": format!("frame.{number:04}.exr"),
+            "transform_matrix": [[1, 0, 0, 1.0], [0, 1, 0, 1.0], [0, 0, 1, at], [0, 0, 0, 1]]})
+    };
+    let frames: Vec<Value> = (1..4).map(frame).collect();
+    let capture = serde_json::json!({"w": 16, "h": 12, "fl_x": 20.0, "near": 0.0, "frames": frames});
+    std::fs::write(work.path("path.json"), capture.to_string()).unwrap();
+    let words = "motion @plume.vdb --cameras path.json --density-scale 20";
+    for format in ["blender", "nuke", "oidn"] {
+        work.json(&format!("{words} --format {format} -o {format}/m.####.exr"));
+    }
+    for number in 1..4 {
+        let [blender, nuke, oidn] =
+            ["blender", "nuke", "oidn"].map(|name| document(&work.path(&format!("{name}/m.{number:04}.exr"))));
+        let vector = ["X", "Y", "Z", "W"].map(|name| plane(&blender, "Vector", name));
+        let turned = |v: &[f32]| v.iter().map(|v| 0.0 - v).collect::<Vec<_>>();
+        assert_eq!([&vector[0], &vector[1]], [&plane(&nuke, "backward", "u"), &plane(&nuke, "backward", "v")]);
+        assert_eq!(
+            [turned(&vector[2]), turned(&vector[3])],
+            [plane(&nuke, "forward", "u"), plane(&nuke, "forward", "v")]
+        );
+        let [x, y, z] = ["X", "Y", "Z"].map(|name| plane(&oidn, "Denoising Backward Motion", name));
+        assert_eq!([&vector[0], &vector[1]], [&x, &y]);
+        // The camera goes away from what it sees, so that it was nearer before.
+        let expected = if number == 1 { 0.0 } else { -0.25 };
+        let seen = x.iter().zip(&z).filter(|(x, z)| **x != 0.0 || **z != 0.0);
+        assert!(z.iter().all(|z| (z - expected).abs() < 1e-5 || *z == 0.0), "{number}: {z:?}");
+        assert!(number == 1 || seen.count() > 20);
+    }
+    let lit = "--albedo 0.9 --sun 0,0,1 --sky 0.2 --samples 4 --frames 1-3 --density-scale 20";
+    work.json(&format!("render @plume.vdb --cameras path.json {lit} --aov motion,backward-motion -o both"));
+    let both = document(&work.path("both/frame.0002.exr"));
+    assert_eq!(plane(&both, "Vector", "X"), plane(&both, "Denoising Backward Motion", "X"));
+}
+
 /// The alpha of a motion is that of the pictures, by the transfer function of the capture or of `--tf`, by a scene file and by a
 /// stage; one that contradicts the pictures is found, and does not guide.
 #[test]

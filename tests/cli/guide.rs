@@ -126,7 +126,7 @@ fn fences(text: &str) -> Vec<Fence> {
     found
 }
 
-/// The words of a command line, a name with `*` replaced by the files that it matches.
+/// The words of a command line, a path with `*` replaced by the files that it matches. A product has no slash.
 fn expanded(work: &Work, line: &str) -> Vec<String> {
     let matches = |pattern: &str| -> Vec<String> {
         let (folder, name) = pattern.rsplit_once('/').unwrap();
@@ -140,7 +140,7 @@ fn expanded(work: &Work, line: &str) -> Vec<String> {
         paths
     };
     let words = line.split_whitespace().map(String::from);
-    words.flat_map(|word| if word.contains('*') { matches(&word) } else { vec![word] }).collect()
+    words.flat_map(|word| if word.contains('*') && word.contains('/') { matches(&word) } else { vec![word] }).collect()
 }
 
 /// Runs the commands of a page and gives their number.

@@ -95,7 +95,7 @@ fn disturbed_cameras_come_back() {
         ("pre-shaded", "shaded.vdb", "--model pre-shaded --background 0.1,0.2,0.3", exact, ""),
     ] {
         let middle = centre(&work, volume);
-        work.json(&format!("render {volume} --views 6 --size 128x128 --density-scale auto {made} {options} -o {name}"));
+        work.json(&format!("render {volume} --views 6 --size 96x96 --density-scale auto {made} {options} -o {name}"));
         disturb(&work, &format!("{name}/transforms.json"), &format!("{name}/off.json"), middle, 2.0, 2.0, 1.0);
         let (degrees, percent) = apart(&work, &format!("{name}/transforms.json"), &format!("{name}/off.json"), middle);
         assert!((degrees - 2.0).abs() < 1e-6 && (percent - 2.0).abs() < 1e-6, "{degrees} {percent}");

@@ -2,10 +2,13 @@
 
 use crate::common::work::{Work, density, errors, fixture, interrupt, number, until};
 use cumulo::error::Code;
+use cumulo::formats::exr::{self, Attributes};
 use cumulo::formats::transforms;
 use cumulo::inverse::refinement::gauge;
 use cumulo::math::Aabb;
 use cumulo::scene::camera::{Camera, CameraGradient};
+use cumulo::scene::capture::Frame;
+use cumulo::scene::film::Film;
 use glam::DVec3;
 use serde_json::Value;
 
@@ -53,7 +56,19 @@ fn the_plume_comes_back_where_it_was() {
 #[test]
 fn many_pixels_cost_little_memory() {
     let work = Work::new();
-    work.json("render @plume.vdb --views 17 --size 1024x1024 --model absorption --quadrature midpoint:1 -o cap");
+    // Of few pixels, each of which becomes a square of many.
+    const EDGE: usize = 16;
+    work.json("render @plume.vdb --views 17 --size 64x64 --model absorption --quadrature midpoint:1 -o cap");
+    let mut capture = transforms::load(&work.path("cap")).unwrap();
+    for Frame { picture, camera, .. } in &mut capture.frames {
+        let small = exr::read_picture(picture, None).unwrap();
+        let edge = 64 * EDGE;
+        let rgba = (0..edge * edge).map(|i| small.rgba[i / edge / EDGE * 64 + i % edge / EDGE]).collect();
+        exr::write_picture(picture, &Film::of(edge, edge, rgba), &Attributes::new(), exr::Half::None).unwrap();
+        (camera.width, camera.height) = (edge as u32, edge as u32);
+        (camera.focal, camera.centre) = (camera.focal * EDGE as f64, camera.centre * EDGE as f64);
+    }
+    transforms::save(&work.path("cap/transforms.json"), &capture, &serde_json::Map::new()).unwrap();
     let out = work
         .command("reconstruct density cap -o found.vdb --resolution 24 --iterations 1 --smoothing 1 --json")
         .output()
@@ -307,7 +322,7 @@ fn cameras_are_refined_with_the_volume() {
     let report = reconstruct(&exact, "");
     assert!(!warns_of_displacement(&report), "{report}");
     let (best, best_held_out) = (exact.volume_psnr("found.vdb"), held_out(&report));
-    for degrees in [0.1, 0.3, 1.0] {
+    for degrees in [0.1, 1.0] {
         let work = with_pictures(24, 64);
         let cameras = disturb_cameras(&work, degrees);
         let given = reconstruct(&work, "");

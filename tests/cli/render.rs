@@ -547,6 +547,42 @@ fn a_level_set_is_rendered_as_the_fog_inside_of_its_surface() {
 }
 
 /// Colors of 16 bits are those of 32, rounded; depths, and what does not fit, stay in 32.
+/// DWA loses digits of colors by its level, and none of alpha and depth.
+#[test]
+fn pictures_are_packed_with_loss_where_that_is_asked_for() {
+    let work = Work::new();
+    let words = "render @plume.vdb --views 1 --size 64x64 --albedo 0.9 --sun 0,0,1 --sky 0.2 --samples 4";
+    work.json(&format!("{words} --aov depth,albedo -o zip.exr"));
+    let zip = work.picture("zip.exr");
+    let size = |name: &str| std::fs::metadata(work.path(name)).unwrap().len();
+    for (packing, most) in [("dwaa", 0.05), ("dwab:45", 0.05), ("dwaa:1", 0.005)] {
+        work.json(&format!("{words} --aov depth,albedo --compression {packing} -o dwa.exr --overwrite"));
+        let dwa = work.picture("dwa.exr");
+        let colors = zip.rgba.iter().zip(&dwa.rgba).map(|(a, b)| [0, 1, 2].map(|c| (a[c] - b[c]).abs()));
+        let largest = colors.flatten().fold(0.0_f32, f32::max);
+        assert!(largest > 0.0 && largest < most, "{packing}: {largest}");
+        assert!(zip.rgba.iter().zip(&dwa.rgba).all(|(a, b)| a[3] == b[3]), "{packing}");
+        let document = exr::read(&work.path("dwa.exr")).unwrap();
+        let exact = exr::read(&work.path("zip.exr")).unwrap();
+        let depth = |image: &exr::Image| {
+            image.layers.iter().find(|layer| layer.name == "Depth").map(|layer| layer.channels[0].samples.clone())
+        };
+        assert!(depth(&exact).is_some() && depth(&document) == depth(&exact), "{packing}");
+        assert!(size("dwa.exr") < size("zip.exr"), "{packing}");
+    }
+    let info = work.json("info dwa.exr");
+    assert!(info.to_string().to_lowercase().contains("dwaa"), "{info}");
+    work.refused(&format!("{words} --compression zip:3 -o x.exr"), Code::Usage, &["zip:3", "dwaa:20"]);
+    work.refused(&format!("{words} --compression dwaa:-1 -o x.exr"), Code::Usage, &["dwaa:-1"]);
+    work.refused(&format!("{words} --compression dwaa --aov normal -o x.exr"), Code::Invalid, &["normal", "Y"]);
+    work.refused(&format!("{words} --compression dwaa --deep 0.1 -o x.exr"), Code::Usage, &["--compression"]);
+    work.refused(
+        &format!("{words} --compression dwaa --replicates 2-3 -o x.exr"),
+        Code::Invalid,
+        &["--compression", "replicates"],
+    );
+}
+
 #[test]
 fn pictures_of_half_floats_are_half_as_large() {
     let work = Work::new();

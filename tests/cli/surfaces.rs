@@ -220,7 +220,8 @@ fn sequences_and_plans_know_meshes() {
     assert!(lit > 100, "{lit}");
     // Error targets, denoising and planes.
     let report = work.json("render scene.json --cameras camera.json --target-error 0.05 -o target.exr");
-    assert!(report["accuracy"].is_object() || report["target"].is_object(), "{report}");
+    let error = report["accuracy"]["pictures"][0]["error"].as_f64().unwrap();
+    assert!(error > 0.0 && error <= 0.05, "{report}");
     work.json("render scene.json --cameras camera.json --samples 16 --denoise -o denoised.exr");
 }
 
@@ -301,6 +302,12 @@ fn objects_move_while_the_shutter_is_open() {
     work.json(&format!("render moving.json {blurred} --threads 2 -o again"));
     let picture = |folder: &str| work.picture(&format!("{folder}/frame.0001.exr"));
     assert_eq!(picture("blurred"), picture("again"));
+    // Deep pictures have what moves out of the place of the frame as well.
+    work.json(&format!("render moving.json {blurred} --deep 0.01 -o deep"));
+    work.json("convert deep/frame.0001.exr flat.exr --flatten");
+    for (flat, deep) in picture("blurred").rgba.iter().zip(&work.picture("flat.exr").rgba) {
+        assert!((flat[3] - deep[3]).abs() < 1e-4, "{flat:?} {deep:?}");
+    }
     let mut mean = vec![[0.0_f64; 4]; 24 * 20];
     let steps = 32;
     for step in 0..steps {

@@ -20,7 +20,7 @@ const fn case(words: &'static str, inputs: &'static [&'static str], outputs: &'s
 
 const CAPTURE: &[&str] = &["in/cap/transforms.json", "in/cap/view_000.exr", "in/cap/view_003.exr"];
 
-pub const ALL: [Case; 48] = [
+pub const ALL: [Case; 50] = [
     case(
         "render in/cube.vdb --cameras in/cap --tf in/two.tf.json --view 0 --size 4x4 --holdout in/z.exr --png --overwrite -o out",
         &[
@@ -103,6 +103,7 @@ pub const ALL: [Case; 48] = [
         &["in/cap/view_000.exr", "in/cap/transforms.json"],
         &["out/f.png"],
     ),
+    case("merge in/d.exr in/d.exr --overwrite -o out/d.exr", &["in/d.exr"], &["out/d.exr"]),
     case("merge in/n0.exr in/n1.exr --overwrite -o out/n.exr", &["in/n0.exr", "in/n1.exr"], &["out/n.exr"]),
     case(
         "denoise in/cap/view_%03d.exr -o out/q_%03d.exr --motion files:in/m_###.exr --overwrite",
@@ -157,6 +158,7 @@ pub const ALL: [Case; 48] = [
     case("convert in/o.ply out/o.vdb --voxel-size 0.1", &["in/o.ply"], &["out/o.vdb"]),
     case("convert in/o.nvdb out/o.vdb", &["in/o.nvdb"], &["out/o.vdb"]),
     case("convert in/o.mhd out/o.vdb", &["in/o.mhd", "in/o.raw"], &["out/o.vdb"]),
+    case("convert in/d.exr out/o.exr --flatten --holdout in/z.exr", &["in/d.exr", "in/z.exr"], &["out/o.exr"]),
     case("convert in/sky.exr out/o.npy", &["in/sky.exr"], &["out/o.npy"]),
     case("convert in/sky.npy out/o.exr", &["in/sky.npy"], &["out/o.exr"]),
     case("convert in/s.####.vdb out", &["in/s.0000.vdb", "in/s.0001.vdb"], &["out/s.0000.vdb", "out/s.0001.vdb"]),
@@ -258,6 +260,7 @@ pub fn prepared() -> Work {
     work.json("render in/cube.vdb --views 4 --size 12x12 --tf in/two.tf.json -o in/bright");
     work.json("render in/cube.vdb --views 1 --size 8x4 --albedo 0.9 --samples 2 -o in/sky.exr");
     work.json("render in/cube.vdb --views 1 --size 4x4 --albedo 0.9 --samples 2 --aov depth -o in/z.exr");
+    work.json("render in/cube.vdb --views 1 --size 4x4 --deep 0.1 -o in/d.exr");
     for seed in 0..4 {
         work.json(&format!(
             "render in/cube.vdb --views 1 --size 16x16 --albedo 0.9 --samples 2 --seed {seed} -o in/n{seed}.exr"

@@ -225,6 +225,46 @@ fn volumes_may_be_cut_anywhere() {
     }
 }
 
+/// What is seen where something holds a pixel out is what its thin slices show, each through what stands before it.
+#[test]
+fn pixels_are_held_out_slice_by_slice() {
+    let mut random = Random(11);
+    const SLICES: u32 = 20_000;
+    for number in 0..60 {
+        let [own, other] = [4, 3].map(|count| {
+            let all: Vec<DeepSample> = (0..count).map(|_| sample(&mut random)).collect();
+            TidyPixel::new(&all)
+        });
+        let at = |slice: u32| 0.999 + 2.01 * f64::from(slice) / f64::from(SLICES);
+        let (mut expected, mut before) = ([0.0; 4], own.rgba_before(at(0)));
+        for slice in 0..SLICES {
+            let behind = own.rgba_before(at(slice + 1));
+            let open = 1.0 - other.alpha_before(0.5 * (at(slice) + at(slice + 1)));
+            (0..4).for_each(|c| expected[c] += open * (behind[c] - before[c]));
+            before = behind;
+        }
+        for (found, expected) in own.rgba_held_out(&other).into_iter().zip(expected) {
+            close(found, expected, 1e-3, &format!("pixel {number}"));
+        }
+        // Nothing stands there, or all is hidden.
+        for (found, expected) in own.rgba_held_out(&TidyPixel::default()).into_iter().zip(own.rgba()) {
+            close(found, expected, 1e-12, "without a holdout");
+        }
+        let wall = |z: f32| TidyPixel::new(&[DeepSample { z, z_back: z, rgba: [0.0, 0.0, 0.0, 1.0] }]);
+        assert_eq!(own.rgba_held_out(&wall(0.5)), [0.0; 4]);
+        for z in [1.25_f32, 1.5, 2.0] {
+            for (found, expected) in own.rgba_held_out(&wall(z)).into_iter().zip(own.rgba_before(z.into())) {
+                close(found, expected, 1e-12, "before a wall");
+            }
+        }
+    }
+    // A haze of half the opacity within one of the same: closed form.
+    let haze = |rgba| TidyPixel::new(&[DeepSample { z: 1.0, z_back: 2.0, rgba }]);
+    let [r, .., a] = haze([0.25, 0.0, 0.0, 0.5]).rgba_held_out(&haze([0.0, 0.0, 0.0, 0.5]));
+    close(a, 0.5 * 0.75, 1e-12, "alpha");
+    close(r, 0.25 * 0.75, 1e-12, "red");
+}
+
 /// Color and opacity of what lies behind a depth, composited backwards.
 fn remainder(pixel: &TidyPixel, at: f64) -> [f64; 4] {
     let mut rgba = [0.0; 4];

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdUtils, UsdVol
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdUtils, UsdVol, Vt
 
 TIMES = (1, 2.5, 4)
 
@@ -170,3 +170,22 @@ def test_files_over_time(cumulo, fixtures, tmp_path):
     assert smoke.GetFieldPath("density") == "/smoke/density"
     checked = cumulo("validate", path)["files"][0]
     assert not checked["valid"] and "a.0002.vdb" in checked["findings"][0]["what"]
+
+
+@pytest.mark.parametrize("suffix", ("usda", "usdc", "usdz"))
+def test_empty_arrays_of_text_are_read(cumulo, fixtures, tmp_path, suffix):
+    """Binary files state no place for them, nor for those among time samples and in dictionaries."""
+    stage = new_stage("Y", 1)
+    prim = volume(stage, "/smoke", fixtures / "cube.vdb").GetPrim()
+    names = prim.CreateAttribute("names", Sdf.ValueTypeNames.StringArray)
+    names.Set([])
+    files = prim.CreateAttribute("files", Sdf.ValueTypeNames.AssetArray)
+    files.Set(Sdf.AssetPathArray([]), 1)
+    files.Set(Sdf.AssetPathArray([Sdf.AssetPath("./a.vdb")]), 2)
+    prim.CreateAttribute("tokens", Sdf.ValueTypeNames.TokenArray).Set([])
+    prim.CreateAttribute("numbers", Sdf.ValueTypeNames.FloatArray).Set([])
+    prim.CreateAttribute("one", Sdf.ValueTypeNames.StringArray).Set(["a", "b"])
+    prim.SetCustomDataByKey("none", Vt.StringArray())
+    prim.SetCustomDataByKey("some", "text")
+    report = cumulo("info", write(stage, tmp_path, suffix))
+    assert report["files"][0]["volumes"][0]["path"] == "/smoke", report

@@ -1,5 +1,6 @@
 //! Edits that make other grids of those of a VDB: names, forms, lattices, axes.
 
+use super::computed::Computed;
 use super::form::Form;
 use super::names::Convention;
 use super::sources::Merge;
@@ -24,6 +25,8 @@ pub struct Edits {
     pub split: Vec<String>,
     /// Grids of vectors to be made of three grids of scalars, which are left out.
     pub merge: Vec<Merge>,
+    /// Grids to be computed voxel by voxel of those of the file, one of whose name is replaced.
+    pub eval: Vec<Computed>,
     /// Program whose names density, temperature, flame, color and velocity are given.
     pub names: Option<Convention>,
     /// Axis that points upwards after a turn by 90 degrees about x, behind all other edits.
@@ -58,13 +61,14 @@ impl UpTarget {
 
 impl Edits {
     /// Returns the settings by name, each with whether it is given.
-    pub(crate) fn stated(&self) -> [(&'static str, bool); 8] {
+    pub(crate) fn stated(&self) -> [(&'static str, bool); 9] {
         [
             ("⟨filter⟩", self.filter.is_some()),
             ("⟨to⟩", self.to.is_some()),
             ("⟨iso⟩", self.iso.is_some()),
             ("⟨split⟩", !self.split.is_empty()),
             ("⟨merge⟩", !self.merge.is_empty()),
+            ("⟨eval⟩", !self.eval.is_empty()),
             ("⟨names⟩", self.names.is_some()),
             ("⟨up⟩", self.up != UpTarget::Auto),
             ("⟨up_from⟩", self.up_from != UpChoice::Auto),

@@ -4,7 +4,7 @@ use super::{ConvertSettings, FileReport};
 use crate::app::Context;
 use crate::app::failed::{Failed, List};
 use crate::app::frame_loop::{FrameLoop, parted};
-use crate::app::sequence::{FrameSelection, Sequence};
+use crate::app::sequence::{FrameSelection, Sequence, pattern};
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::ending::ends_in;
@@ -85,7 +85,9 @@ impl ConvertSettings {
             let (input, path) = (sequence.path(number), to.path(number));
             let frames = FrameSelection::default();
             let more = further.iter().map(|sequence| sequence.path(number)).collect();
-            let one = Self { input, more, output: path.clone(), frames, limits, ..self.clone() };
+            let of_frame = |path: &PathBuf| pattern(path).map_or_else(|| path.clone(), |pattern| pattern.path(number));
+            let holdout = self.holdout.as_ref().map(of_frame);
+            let one = Self { input, more, output: path.clone(), frames, limits, holdout, ..self.clone() };
             let report = one.convert_file(&context.silent())?;
             let bytes = std::fs::metadata(&path).map_or(0, |data| data.len());
             Ok(Frame { frame: number, report, bytes })

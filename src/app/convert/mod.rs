@@ -3,9 +3,11 @@
 //! A route from one kind to another is an arm of `ConvertSettings::convert_file`, and a file of its own here.
 
 mod arrays;
+mod computed;
 mod converted;
 mod edits;
 mod export;
+mod expression;
 mod flatten;
 mod form;
 mod frames;
@@ -22,7 +24,9 @@ mod report;
 mod sources;
 mod turn;
 
+pub use computed::Computed;
 pub use edits::{Edits, UpTarget};
+pub use expression::Expression;
 pub use form::Form;
 pub use frames::Frames;
 pub use grids::Grids;
@@ -161,6 +165,10 @@ pub struct ConvertSettings {
     pub exposure: Option<f64>,
     /// True to composite the samples of a deep EXR, which becomes a flat one or a PNG.
     pub flatten: bool,
+    /// EXR of what holds a deep EXR out that is flattened: another deep one, or depths along the viewing axis of opaque
+    /// objects; of frames, such as prop.####.exr. None if nothing does.
+    #[serde(skip_serializing_if = "Option::is_none", with = "crate::app::paths")]
+    pub holdout: Option<PathBuf>,
     /// Edits from VDB to VDB.
     #[serde(flatten)]
     pub edits: Edits,
@@ -266,7 +274,7 @@ impl Report for ConvertReport {
 impl ConvertSettings {
     /// Paths that the output is made from.
     pub fn inputs(&self) -> Vec<&Path> {
-        [&self.input].into_iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
+        [&self.input].into_iter().chain(&self.transfer.tf).chain(&self.holdout).map(PathBuf::as_path).collect()
     }
 
     /// Reads, edits and writes.
@@ -341,7 +349,7 @@ impl ConvertSettings {
                 .hint("the last name is the output; convert the others to VDBs first, one by one"));
             }
         }
-        let of_one = ["⟨split⟩", "⟨merge⟩", "⟨up⟩", "⟨up_from⟩"];
+        let of_one = ["⟨split⟩", "⟨merge⟩", "⟨eval⟩", "⟨up⟩", "⟨up_from⟩"];
         match self.edits.stated().iter().find(|(name, given)| *given && of_one.contains(name)) {
             Some((name, _)) => {
                 Err(Error::invalid(format!("{name} edits the grids of one file, and there are several"))
@@ -378,6 +386,7 @@ impl ConvertSettings {
             ("⟨codec⟩", self.codec != Codec::default(), matches!(written, FileKind::Vdb)),
             ("⟨layer⟩", self.layer.is_some(), matches!(read, FileKind::Exr)),
             ("⟨flatten⟩", self.flatten, matches!(read, FileKind::DeepExr)),
+            ("⟨holdout⟩", self.holdout.is_some(), matches!(read, FileKind::DeepExr) && self.flatten),
             ("⟨exposure⟩", self.exposure.is_some(), matches!(written, FileKind::Picture(_))),
             ("⟨scale⟩", values.scale.is_some(), grids),
             ("⟨offset⟩", values.offset.is_some(), grids),

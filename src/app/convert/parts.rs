@@ -72,7 +72,7 @@ impl ConvertSettings {
             part.renames.insert(name, new.clone());
         }
         for part in &mut parts {
-            part.sources = sources::sources(&self.edits.split, &self.edits.merge, part.file, &part.names)?;
+            part.sources = sources::sources(&self.edits, part.file, &part.names)?;
         }
         Ok(parts)
     }

@@ -1,5 +1,7 @@
 //! Where the grids of a conversion come from: grids of the file as they are, taken apart, or put together.
 
+use super::computed::Computed;
+use super::edits::Edits;
 use crate::error::{Error, Result};
 use crate::formats::vdb::{File, NativeGrid};
 use crate::scene::grid::GridClass;
@@ -40,7 +42,7 @@ impl FromStr for Merge {
 }
 
 /// Where one grid, or three of them, come from; names are the unique ones of the file.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) enum GridSource {
     /// A grid as it is.
     Whole(String),
@@ -48,14 +50,18 @@ pub(super) enum GridSource {
     Split(String),
     /// A grid of vectors of three grids of scalars.
     Merged(String, [String; 3]),
+    /// A grid that is computed of others.
+    Computed(Computed),
 }
 
-/// Returns the sources of a conversion, in the order of the chosen grids; a merged grid stands where the first of its
-/// parts stood.
+/// Returns the sources of a conversion, in the order of the chosen grids. A merged grid stands where the first of its
+/// parts stood, and a computed one where that of its name stood, or behind all others.
 ///
 /// # Errors
-/// If a grid to be split or merged is not in the file, not among the chosen, or asked for twice.
-pub(crate) fn sources(split: &[String], merge: &[Merge], file: &File, chosen: &[String]) -> Result<Vec<GridSource>> {
+/// If a grid to be split or merged is not in the file, not among the chosen, or asked for twice, or a computed one is
+/// made of grids that are not in the file.
+pub(super) fn sources(edits: &Edits, file: &File, chosen: &[String]) -> Result<Vec<GridSource>> {
+    let Edits { split, merge, eval, .. } = edits;
     let find = |option: &str, name: &str| {
         let name = file.find(name)?.name.clone();
         if chosen.contains(&name) {
@@ -92,6 +98,19 @@ pub(crate) fn sources(split: &[String], merge: &[Merge], file: &File, chosen: &[
             None => sources.push(GridSource::Whole(name.clone())),
         }
     }
+    for (number, computed) in eval.iter().enumerate() {
+        if eval[..number].iter().any(|other| other.name == computed.name) {
+            return Err(Error::invalid(format!("⟨eval={computed}⟩: the grid '{}' is computed twice", computed.name))
+                .hint("give one expression for each grid; names mean the grids of the file, as they are in it"));
+        }
+        computed.parts(file)?;
+        let own = file.find(&computed.name).ok().map(|entry| GridSource::Whole(entry.name.clone()));
+        let source = GridSource::Computed(computed.clone());
+        match sources.iter_mut().find(|source| own.as_ref() == Some(source)) {
+            Some(replaced) => *replaced = source,
+            None => sources.push(source),
+        }
+    }
     Ok(sources)
 }
 
@@ -102,6 +121,7 @@ impl GridSource {
             Self::Whole(name) => vec![file.find(name)?.base_name.clone()],
             Self::Split(name) => ["x", "y", "z"].map(|axis| format!("{name}.{axis}")).to_vec(),
             Self::Merged(name, _) => vec![name.clone()],
+            Self::Computed(computed) => vec![computed.name.clone()],
         })
     }
 
@@ -110,6 +130,7 @@ impl GridSource {
         match self {
             Self::Whole(name) | Self::Split(name) => name.clone(),
             Self::Merged(_, parts) => parts.join(", "),
+            Self::Computed(computed) => computed.expression.to_string(),
         }
     }
 
@@ -139,6 +160,7 @@ impl GridSource {
                 merged.set_class(GridClass::Unknown)?;
                 Ok(vec![merged])
             }
+            Self::Computed(computed) => Ok(vec![computed.read(file, room)?]),
         }
     }
 }

@@ -21,18 +21,63 @@ use crate::formats::exr;
 use crate::formats::limits::Limits;
 use crate::formats::protected;
 use crate::formats::sequence::{Frames, Pattern, number_of};
+use crate::render::film::Aov;
 use crate::scene::capture::Capture;
+use crate::scene::film::Film;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::{Path, PathBuf};
 pub(crate) use tracing::SAMPLES;
 pub use tracing::{Choices, Tracing};
 
+/// Layout of motions in pictures, in pixels to the right and upwards.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MotionFormat {
+    /// Layer `Vector` of Blender: X and Y are the place in the frame before minus that now, Z and W the place now minus
+    /// that in the frame after.
+    #[default]
+    Blender,
+    /// Layers `forward` and `backward` of Nuke: u and v are the place in the frame after, or before, minus that now.
+    Nuke,
+    /// Layer `Denoising Backward Motion`: X and Y are the place in the frame before minus that now, Z the length along
+    /// the viewing axis in the frame before minus that now. Cycles 5.2 hands this to Open Image Denoise.
+    Oidn,
+}
+
+impl MotionFormat {
+    /// Returns the plane that holds all of it.
+    fn plane(self) -> Aov {
+        match self {
+            Self::Blender | Self::Nuke => Aov::Motion,
+            Self::Oidn => Aov::BackwardMotion,
+        }
+    }
+
+    /// Gives traced planes the names and signs of the layout.
+    fn arrange(self, film: &mut Film) {
+        if self != Self::Nuke {
+            return;
+        }
+        for plane in &mut film.planes {
+            let (name, turned) = match plane.name.as_str() {
+                "Vector.X" => ("backward.u", false),
+                "Vector.Y" => ("backward.v", false),
+                "Vector.Z" => ("forward.u", true),
+                "Vector.W" => ("forward.v", true),
+                _ => continue,
+            };
+            plane.name = name.to_owned();
+            // Zero stays zero: it has no sign.
+            plane.samples.iter_mut().filter(|_| turned).for_each(|v| *v = 0.0 - *v);
+        }
+    }
+}
+
 /// Settings of the motion of what pictures of a volume show, written as a layer that denoisers follow.
 ///
-/// A pixel's motion is the mean over the first collisions of its rays with the volume. The layer `Vector` holds X and
-/// Y, the place in the frame before minus that now, and Z and W, the place now minus that in the frame after, in pixels
-/// to the right and upwards.
+/// A pixel's motion is the mean over the first collisions of its rays with the volume, or over the surfaces that they
+/// meet where more is seen of these.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct MotionSettings {
@@ -61,6 +106,8 @@ pub struct MotionSettings {
     pub velocity: Option<String>,
     /// Frames per second; 1 for velocities in world units per frame.
     pub fps: f64,
+    /// Layout of the motions.
+    pub format: MotionFormat,
     /// True to replace pictures that other settings made.
     pub overwrite: bool,
     /// Rays per pixel, 1 to 65536.
@@ -83,6 +130,7 @@ impl Default for MotionSettings {
             transfer: TransferSettings::default(),
             velocity: None,
             fps: 24.0,
+            format: MotionFormat::default(),
             overwrite: false,
             samples: SAMPLES,
             limits: Limits::default(),
@@ -157,6 +205,7 @@ impl MotionSettings {
             velocity: self.velocity.clone().map(|name| (name, self.fps)),
             scan: self.scan.clone(),
             samples: Some(self.samples),
+            plane: self.format.plane(),
         };
         let mut tracing = Tracing::new(&self.input, &self.cameras, &numbers, choices, limits)?;
         let density_scale = tracing.density_scale();
@@ -178,9 +227,11 @@ impl MotionSettings {
         pictures.iter().try_for_each(|path| policy.check(path))?;
         let attributes = provenance.attributes();
         let results = FrameLoop::steps(&numbers, "motion", context).telling().in_order(|place, number, _| {
-            let film = tracing.film(number, cancel)?;
-            let planes = film.planes.iter().filter(|plane| ["Vector.X", "Vector.Y"].contains(&plane.name.as_str()));
-            let most = planes.flat_map(|plane| &plane.samples).fold(0.0_f32, |most, v| most.max(v.abs()));
+            let mut film = tracing.film(number, cancel)?;
+            // Both layouts begin with the motion from the frame before.
+            let from_before = film.planes.iter().take(2).flat_map(|plane| &plane.samples);
+            let most = from_before.fold(0.0_f32, |most, v| most.max(v.abs()));
+            self.format.arrange(&mut film);
             exr::write_picture(&pictures[place], &film, &attributes, exr::Half::None)?;
             Ok(most)
         });

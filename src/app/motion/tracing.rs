@@ -18,15 +18,16 @@ use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Model};
 use crate::scene::film::Film;
 use crate::scene::medium::{Medium, Scattering, Source};
+use crate::scene::meshes::{Material, Meshes};
 use crate::scene::phase::Phase;
 use crate::scene::scene::Scene;
 use crate::scene::transfer::Transfer;
 use crate::scene::volume::Volume;
+use glam::Vec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Choices of a tracing beside its volumes and cameras.
-#[derive(Default)]
 pub struct Choices {
     /// Grid that pictures show.
     pub grid: Option<String>,
@@ -40,6 +41,22 @@ pub struct Choices {
     pub velocity: Option<(String, f64)>,
     /// Rays per pixel; `None` for `SAMPLES`.
     pub samples: Option<u32>,
+    /// Plane that holds the motion.
+    pub plane: Aov,
+}
+
+impl Default for Choices {
+    fn default() -> Self {
+        Self {
+            grid: None,
+            scan: ScanSettings::default(),
+            density_scale: None,
+            transfer: None,
+            velocity: None,
+            samples: None,
+            plane: Aov::Motion,
+        }
+    }
 }
 
 /// Rays per pixel unless another number is asked for.
@@ -108,7 +125,7 @@ impl Tracing {
         (!is_scene).then(|| self.choices.density_scale.unwrap_or(self.capture.density_scale))
     }
 
-    /// Returns the planes `Vector.X` to `Vector.W` of a frame, and alpha. What was read for the frame before is used
+    /// Returns the motion of a frame in the plane that was chosen, and alpha. What was read for the frame before is used
     /// again where this one shows it as well.
     ///
     /// # Errors
@@ -129,7 +146,7 @@ impl Tracing {
         let view =
             View { camera, before: Some(before), after: Some(after), holdout: None, velocities: &scene.velocities };
         let sampling = Sampling::random(self.choices.samples.unwrap_or(SAMPLES), number.into());
-        let rendered = film::render(&tracer, view, sampling, &[Aov::Motion], cancel);
+        let rendered = film::render(&tracer, view, sampling, &[self.choices.plane], cancel);
         Ok(rendered.ok_or_else(Error::cancelled)?.film)
     }
 
@@ -151,6 +168,13 @@ impl Tracing {
             let field = volume::arrange(&grid, transfer.as_ref(), self.limits).map_err(|e| e.at(&path))?;
             scene.volumes.push(Volume::Density(field, dark(medium)));
             scene.velocities.extend(velocity.map(|velocity| (at, velocity)));
+        }
+        if !loaded.meshes.is_empty() {
+            let black = |(triangles, Material { holdout, .. })| {
+                (triangles, Material { albedo: Vec3::ZERO, emission: Vec3::ZERO, holdout })
+            };
+            let meshes: Vec<_> = loaded.meshes.into_iter().map(black).collect();
+            scene.meshes = Some(Arc::new(Meshes::new(&meshes)?));
         }
         Ok((scene, loaded.moving))
     }

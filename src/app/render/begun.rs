@@ -21,11 +21,12 @@ use std::path::{Path, PathBuf};
 
 /// Settings on which the expected values of a picture do not depend, or whose content is known otherwise: that of its
 /// inputs by their bytes, that of its view by its camera and its number.
-const APART: [&str; 30] = [
+const APART: [&str; 31] = [
     "output",
     "overwrite",
     "png",
     "half",
+    "compression",
     "exposure",
     "frames",
     "resume",

@@ -91,6 +91,7 @@ impl RenderSettings {
         let others = [
             ("⟨png⟩", self.png),
             ("⟨half⟩", self.half),
+            ("⟨compression⟩", !self.compression.is_lossless()),
             ("⟨denoise⟩", self.denoise),
             ("⟨aov⟩", !self.aov.is_empty()),
             ("⟨holdout⟩", self.holdout.holdout.is_some()),

@@ -1,4 +1,5 @@
-//! Pictures of the same scene joined: replicates that were rendered apart, as if one machine had rendered all.
+//! Pictures of the same scene joined: replicates that were rendered apart, as if one machine had rendered all, and the
+//! samples of deep pictures.
 
 use super::accuracy::{AccuracyReport, AccuracySettings, Known, Made, Measured, Read, SCENE};
 use crate::app::Context;
@@ -10,7 +11,7 @@ use crate::app::provenance::Provenance;
 use crate::app::ranges;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::error::{Error, Result};
-use crate::formats::exr::{self, Placement};
+use crate::formats::exr::{self, Placement, deep};
 use crate::formats::limits::Limits;
 use crate::formats::protected;
 use serde::{Deserialize, Serialize};
@@ -23,6 +24,8 @@ use std::time::Instant;
 /// Pictures are parts of one another: of the same scene, view and size, path-traced, with random numbers of their own.
 /// They are parts that [`AccuracySettings::replicates`] asked for, pictures of a wanted error or time with the plane
 /// [`Aov::Replicates`](crate::render::film::Aov::Replicates), pictures of different seeds, or such ones joined.
+///
+/// Deep pictures become one with the samples of all: parts of a picture, or several elements of a shot.
 ///
 /// ```
 /// use cumulo::prelude::*;
@@ -87,8 +90,10 @@ pub struct MergeReport {
     output: PathBuf,
     /// Pictures that were joined.
     pictures: usize,
-    /// Numbers of the joined replicates, by the seed of their random numbers.
-    replicates: String,
+    /// Numbers of the joined replicates, by the seed of their random numbers; null for deep pictures.
+    replicates: Option<String>,
+    /// Number of samples of a deep picture; null for flat ones.
+    samples: Option<u64>,
     accuracy: Option<AccuracyReport>,
     /// Numbers of further replicates that the wanted error is expected to take, by the seed of their random numbers;
     /// null where it is reached, or none is wanted.
@@ -98,9 +103,11 @@ pub struct MergeReport {
 
 impl fmt::Display for MergeReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, pictures, replicates, accuracy, missing, seconds } = self;
+        let Self { output, pictures, replicates, samples, accuracy, missing, seconds } = self;
         let s = if *pictures == 1 { "" } else { "s" };
-        write!(f, "{}: {pictures} picture{s} joined in {seconds:.2} s, replicates of {replicates}", output.display())?;
+        write!(f, "{}: {pictures} picture{s} joined in {seconds:.2} s", output.display())?;
+        replicates.iter().try_for_each(|replicates| write!(f, ", replicates of {replicates}"))?;
+        samples.iter().try_for_each(|samples| write!(f, ", {samples} deep samples"))?;
         accuracy.iter().try_for_each(|accuracy| write!(f, "\n{accuracy}"))?;
         missing
             .iter()
@@ -143,6 +150,18 @@ impl MergeSettings {
         policy.check(&self.output)?;
         provenance.files(self.inputs.iter().map(PathBuf::as_path))?;
         let cancel = context.cancel();
+        if deep::is_deep(first) {
+            let samples = self.join_deep(provenance.attributes(), &cancel)?;
+            return Ok(MergeReport {
+                output: self.output.clone(),
+                pictures: self.inputs.len(),
+                replicates: None,
+                samples: Some(samples),
+                missing: None,
+                accuracy: None,
+                seconds: begun.elapsed().as_secs_f64(),
+            });
+        }
         let steps = context.steps(self.inputs.len() as u64, "merge");
         let Read { mut made, attributes, placement } = Made::read(first, self.limits)?;
         let scene = attributes.get(SCENE).cloned();
@@ -174,7 +193,8 @@ impl MergeSettings {
         Ok(MergeReport {
             output: self.output.clone(),
             pictures: self.inputs.len(),
-            replicates: made.streams.to_string(),
+            replicates: Some(made.streams.to_string()),
+            samples: None,
             missing,
             accuracy: AccuracyReport::of(&accuracy, vec![error]),
             seconds: begun.elapsed().as_secs_f64(),

@@ -11,6 +11,7 @@ mod holdout;
 mod job;
 mod joined;
 mod merge;
+mod merge_deep;
 mod sequence;
 mod straight;
 mod target;
@@ -39,6 +40,7 @@ use crate::app::ranges;
 use crate::app::use_case::{Report, Status, use_case};
 use crate::cancel::Cancel;
 use crate::error::{Code, Error, Result};
+use crate::formats::exr::Packing;
 use crate::formats::sequence::Frames;
 use crate::plan::Plan;
 use crate::render::film::{Aov, Rendered, View, bytes_per_pixel};
@@ -91,6 +93,8 @@ pub struct RenderSettings {
     /// A picture that is stopped begins anew.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub half: bool,
+    /// How EXRs are packed.
+    pub compression: Packing,
     /// Exposure of PNGs in stops, from -60 to 60; none for 0.
     pub exposure: Option<f64>,
     /// Frames to render, frame.####.exr for each number; none for all files of an input that is a sequence, else for
@@ -139,6 +143,7 @@ impl Default for RenderSettings {
             overwrite: false,
             png: false,
             half: false,
+            compression: Packing::default(),
             exposure: None,
             frames: None,
             camera_offset: 0,
@@ -319,20 +324,33 @@ impl RenderSettings {
             return Err(Error::invalid(format!("⟨aov={}⟩: nothing is scattered", aov.name()))
                 .hint("planes of scattered light need path tracing: give ⟨albedo⟩"));
         }
-        if self.aov.contains(&Aov::Motion) && !self.is_sequence() {
-            return Err(Error::invalid("⟨aov=motion⟩: views are no frames")
+        let of_frames = self.aov.iter().find(|aov| aov.of_frames());
+        if let Some(aov) = of_frames.filter(|_| !self.is_sequence()) {
+            return Err(Error::invalid(format!("⟨aov={}⟩: views are no frames", aov.name()))
                 .hint("give ⟨frames⟩ to render a sequence, by the cameras of ⟨cameras⟩"));
         }
-        if self.velocity.is_some() && !self.aov.contains(&Aov::Motion) {
+        if self.velocity.is_some() && of_frames.is_none() {
             return Err(Error::invalid("⟨velocity⟩: no plane shows it").hint("add ⟨aov=motion⟩"));
         }
         if self.aov.contains(&Aov::Replicates) && !self.accuracy.on() {
             return Err(Error::invalid("⟨aov=replicates⟩: a picture of ⟨samples⟩ paths is one replicate")
                 .hint("leave it out: `cumulo merge` joins such pictures of different seeds as they are"));
         }
-        if self.half && (self.accuracy.replicates.is_some() || self.aov.contains(&Aov::Replicates)) {
-            return Err(Error::invalid("⟨half⟩: sums over replicates do not fit into 16 bits")
-                .hint("leave ⟨half⟩ out, and convert what `cumulo merge` makes of the pictures"));
+        let with_sums = self.accuracy.replicates.is_some() || self.aov.contains(&Aov::Replicates);
+        for (name, loses) in [("⟨half⟩", self.half), ("⟨compression⟩", !self.compression.is_lossless())] {
+            if loses && with_sums {
+                return Err(Error::invalid(format!("{name}: sums over replicates need all of their digits"))
+                    .hint(format!("leave {name} out, and convert what `cumulo merge` makes of the pictures")));
+            }
+        }
+        if let Some(aov) = self.aov.iter().find(|aov| !self.compression.is_lossless() && !aov.survives_loss()) {
+            return Err(Error::invalid(format!(
+                "⟨compression={}⟩: the plane {} needs all of its digits, and DWA takes channels named R, G, B and Y for \
+                 colors",
+                self.compression,
+                aov.name()
+            ))
+            .hint("write such planes without loss, as pictures of their own"));
         }
         if self.accuracy.replicates.is_some() && !self.sums_tell_all() {
             return Err(Error::invalid("⟨replicates⟩: only the planes variance, samples and replicates can be joined")

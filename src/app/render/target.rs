@@ -5,7 +5,7 @@ use crate::app::outputs;
 use crate::app::pictures::PictureSettings;
 use crate::app::pictures::SIZE;
 use crate::error::{Error, Result};
-use crate::formats::exr::{self, Attributes, Half, Placement};
+use crate::formats::exr::{self, Attributes, Half, Placement, Storage};
 use crate::formats::png::{self, ToneMapping};
 use crate::formats::registry::EXR;
 use crate::formats::transforms::FILE_NAME;
@@ -117,12 +117,13 @@ impl RenderSettings {
         }
         let fits = || film.rgba.iter().flatten().all(|v| v.abs() <= MOST_HALF || !v.is_finite());
         let half = if self.half && fits() { Half::Colors } else { Half::None };
+        let storage = Storage { half, packing: self.compression };
         match (whole, self.pictures.crop) {
             (Some(display), Some(part)) => {
                 let origin = part.origin.map(|v| v as usize);
-                exr::write_part(path, film, attributes, half, Placement { display, origin })
+                exr::write_part(path, film, attributes, storage, Placement { display, origin })
             }
-            _ => exr::write_picture(path, film, attributes, half),
+            _ => exr::write_picture(path, film, attributes, storage),
         }
     }
 }

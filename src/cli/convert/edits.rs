@@ -1,6 +1,6 @@
 //! Options of the edits that make other grids of those of a VDB.
 
-use crate::app::convert::{Convention, Edits, Form, Merge, UpTarget};
+use crate::app::convert::{Computed, Convention, Edits, Form, Merge, UpTarget};
 use crate::app::up::UpChoice;
 use crate::cli::args::read_as;
 use crate::cli::parse::number;
@@ -27,6 +27,12 @@ struct EditArgs {
     /// Make a grid of vectors of three grids of scalars, which are left out (repeatable)
     #[arg(long, value_name = "NAME=X,Y,Z")]
     merge: Vec<Merge>,
+    /// Compute a grid voxel by voxel of those of the file (repeatable), as in --eval 'density=max(density-0.1,0)*2';
+    /// vectors have components such as velocity.x, other names stand in braces, and x, y and z are the position in
+    /// world units. Operators: + - * / ^, comparisons, && || !; functions: min max clamp mix smoothstep if abs floor
+    /// ceil round sqrt exp ln log2 log10 pow sin cos tan asin acos atan atan2, and pi
+    #[arg(long, value_name = "NAME=EXPRESSION")]
+    eval: Vec<Computed>,
     /// Give density, temperature, flame, color and velocity the names that a program expects; others keep theirs
     #[arg(long, value_enum, value_name = "PROGRAM")]
     names: Option<Convention>,
@@ -47,6 +53,7 @@ impl From<EditArgs> for Edits {
             iso: args.iso,
             split: args.split,
             merge: args.merge,
+            eval: args.eval,
             names: args.names,
             up: args.up,
             up_from: args.up_from,

@@ -87,6 +87,10 @@ struct ConvertArgs {
     /// channel Z is the depth of the nearest sample that is not fully transparent, 1e10 where there is none
     #[arg(long)]
     flatten: bool,
+    /// With --flatten: hold the picture out by another deep EXR, or by the depths of opaque objects along the viewing
+    /// axis; of frames, 'prop.####.exr'. What lies behind them is left out, and they show nothing themselves
+    #[arg(long, value_name = "EXR", requires = "flatten")]
+    holdout: Option<PathBuf>,
     #[command(flatten)]
     edits: Edits,
     #[command(flatten)]
@@ -119,6 +123,7 @@ impl From<ConvertArgs> for ConvertSettings {
             layer: args.layer,
             exposure: args.exposure,
             flatten: args.flatten,
+            holdout: args.holdout,
             edits: args.edits,
             values: args.values,
             images: args.images,

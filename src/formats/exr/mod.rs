@@ -41,7 +41,7 @@ pub(crate) use problems::problems_within;
 pub use read::{Channel, Image, Layer, read, read_within};
 pub(crate) use summary::ExrSummary;
 pub use summary::{summary, summary_within};
-pub use write::{Attributes, Half, write_picture};
+pub use write::{Attributes, Half, Packing, Storage, write_picture};
 pub(crate) use write::{Placement, write_like, write_part};
 
 use serde::Serialize;
@@ -67,7 +67,7 @@ impl Window {
     }
 
     /// Smallest window around both windows.
-    fn union(&self, other: &Self) -> Self {
+    pub(crate) fn union(&self, other: &Self) -> Self {
         let min = [self.min[0].min(other.min[0]), self.min[1].min(other.min[1])];
         let size = std::array::from_fn(|a| (self.end(a).max(other.end(a)) - i64::from(min[a])) as usize);
         Self { min, size }

@@ -1,9 +1,10 @@
-//! Writing of pictures: one part of scan lines with ZIP compression.
+//! Writing of pictures: one part of scan lines.
 
 use super::{Header, encode, fault};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::scene::film::Film;
+use crate::text::serde_as_text;
 use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer};
 use exr::math::Vec2;
 use exr::meta::attribute::{AttributeValue, Compression, IntegerBounds, LineOrder, Text};
@@ -11,7 +12,9 @@ use exr::meta::header::{LayerAttributes, standard_names};
 use exr::prelude::SmallVec;
 use half::f16;
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::path::Path;
+use std::str::FromStr;
 
 /// Text attributes of a header by name, such as provenance.
 pub type Attributes = BTreeMap<String, String>;
@@ -27,6 +30,86 @@ pub enum Half {
     All,
 }
 
+/// How the samples of a picture are packed.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Packing {
+    /// ZIP of 16 rows, without loss.
+    #[default]
+    Zip,
+    /// DWA of 32 rows with its level of loss, 45 unless another is wanted. Channels named R, G, B and Y of all layers
+    /// lose digits and are as half floats; others keep theirs.
+    Dwaa(f32),
+    /// DWA of 256 rows with its level of loss, as [`Dwaa`](Self::Dwaa).
+    Dwab(f32),
+}
+
+/// Level of DWA's loss unless another is wanted, that of OpenEXR.
+const DWA_LEVEL: f32 = 45.0;
+
+impl Packing {
+    /// True if colors keep all digits.
+    pub fn is_lossless(self) -> bool {
+        self == Self::Zip
+    }
+
+    fn compression(self) -> Compression {
+        match self {
+            Self::Zip => Compression::ZIP16,
+            Self::Dwaa(level) => Compression::DWAA(Some(level)),
+            Self::Dwab(level) => Compression::DWAB(Some(level)),
+        }
+    }
+}
+
+impl fmt::Display for Packing {
+    /// Writes the text that [`FromStr`] reads.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Zip => f.write_str("zip"),
+            Self::Dwaa(level) => write!(f, "dwaa:{level}"),
+            Self::Dwab(level) => write!(f, "dwab:{level}"),
+        }
+    }
+}
+
+impl FromStr for Packing {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, level) = text.split_once(':').map_or((text, None), |(name, level)| (name, Some(level)));
+        let level = level.map_or(Some(DWA_LEVEL), |level| level.parse().ok());
+        match (name, level.filter(|level| (0.0..=MOST_DWA_LEVEL).contains(level))) {
+            ("zip", _) if text == name => Ok(Self::Zip),
+            ("dwaa", Some(level)) => Ok(Self::Dwaa(level)),
+            ("dwab", Some(level)) => Ok(Self::Dwab(level)),
+            _ => Err(format!(
+                "'{text}' is not zip, dwaa or dwab, the latter two with a level of loss if it is not {DWA_LEVEL}, such \
+                 as dwaa:20, from 0 to {MOST_DWA_LEVEL}"
+            )),
+        }
+    }
+}
+
+serde_as_text!(Packing);
+
+/// Greatest level of DWA's loss that is of use.
+const MOST_DWA_LEVEL: f32 = 10_000.0;
+
+/// How samples are stored.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Storage {
+    /// Channels of 16 bits.
+    pub half: Half,
+    /// How they are packed.
+    pub packing: Packing,
+}
+
+impl From<Half> for Storage {
+    /// Packs without loss.
+    fn from(half: Half) -> Self {
+        Self { half, packing: Packing::Zip }
+    }
+}
+
 impl Half {
     /// True if the samples of a channel have 16 bits: of a plane, or of colors and alpha.
     fn of(self, plane: bool) -> bool {
@@ -34,8 +117,9 @@ impl Half {
     }
 }
 
-/// Writes channels R, G, B, A and the film's planes under their names, as scan lines with ZIP compression, in 32-bit
-/// float or, as `half` says, 16-bit float. The file appears whole or not at all, and equal input gives equal bytes.
+/// Writes channels R, G, B, A and the film's planes under their names, as scan lines, in 32-bit float or, as `storage`
+/// says, 16-bit float, without loss or with that of DWA. The file appears whole or not at all, and equal input gives
+/// equal bytes.
 ///
 /// `attributes` become text attributes of the header, readable with `exrheader` or `oiiotool --info`; `software`,
 /// `comments` and `owner` are the standard ones; `worldToCamera` and `worldToNDC` are matrices of sixteen numbers, row
@@ -45,8 +129,8 @@ impl Half {
 /// If the film is empty or its size contradicts its pixels, if a plane's name is not unique, not ASCII or not of 1 to
 /// 255 bytes, if a plane has not one sample per pixel, if an attribute's name is empty, longer than 255 bytes or
 /// reserved by OpenEXR, if a finite value does not fit into half floats, or if the operating system reports an error.
-pub fn write_picture(path: &Path, film: &Film, attributes: &Attributes, half: Half) -> Result<()> {
-    let bytes = encoded(path, film, attributes, half, Frame::Whole).map_err(|e| e.at(path))?;
+pub fn write_picture(path: &Path, film: &Film, attributes: &Attributes, storage: impl Into<Storage>) -> Result<()> {
+    let bytes = encoded(path, film, attributes, storage.into(), Frame::Whole).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
 }
 
@@ -55,7 +139,7 @@ pub fn write_picture(path: &Path, film: &Film, attributes: &Attributes, half: Ha
 /// # Errors
 /// The conditions are those of [`write_picture`].
 pub(crate) fn write_like(path: &Path, film: &Film, attributes: &Attributes, half: Half, header: &Header) -> Result<()> {
-    let bytes = encoded(path, film, attributes, half, Frame::Like(header)).map_err(|e| e.at(path))?;
+    let bytes = encoded(path, film, attributes, half.into(), Frame::Like(header)).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
 }
 
@@ -85,14 +169,14 @@ pub(crate) fn write_part(
     path: &Path,
     film: &Film,
     attributes: &Attributes,
-    half: Half,
+    storage: impl Into<Storage>,
     placement: Placement,
 ) -> Result<()> {
-    let bytes = encoded(path, film, attributes, half, Frame::Part(placement)).map_err(|e| e.at(path))?;
+    let bytes = encoded(path, film, attributes, storage.into(), Frame::Part(placement)).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
 }
 
-fn encoded(path: &Path, film: &Film, attributes: &Attributes, half: Half, frame: Frame<'_>) -> Result<Vec<u8>> {
+fn encoded(path: &Path, film: &Film, attributes: &Attributes, storage: Storage, frame: Frame<'_>) -> Result<Vec<u8>> {
     let (width, height) = (film.width, film.height);
     if width == 0 || height == 0 || film.rgba.len() != width * height {
         return Err(Error::invalid(format!(
@@ -102,11 +186,11 @@ fn encoded(path: &Path, film: &Film, attributes: &Attributes, half: Half, frame:
         .hint("give the film at least one pixel, and one RGBA value for each"));
     }
     let encoding = Encoding {
-        compression: Compression::ZIP16,
+        compression: storage.packing.compression(),
         blocks: exr::image::Blocks::ScanLines,
         line_order: LineOrder::Increasing,
     };
-    let channels = channels(film, half)?;
+    let channels = channels(film, storage.half)?;
     let mut own = layer_attributes(attributes)?;
     let (mut display, mut pixel_aspect) = (None, 1.0);
     if let Frame::Like(Header { display_window, pixel_aspect: aspect, .. }) = frame {
@@ -245,9 +329,9 @@ mod tests {
         let film = Film::of(3, 2, vec![[0.25, 1.5, -2.0, 1.0]; 6]);
         let attributes: Attributes = (0..9).map(|i| (format!("cumulo:{i}"), format!("väl{i}"))).collect();
         let path = Path::new("memory.exr");
-        let first = encoded(path, &film, &attributes, Half::None, Frame::Whole).unwrap();
+        let first = encoded(path, &film, &attributes, Half::None.into(), Frame::Whole).unwrap();
         for _ in 0..4 {
-            assert_eq!(first, encoded(path, &film, &attributes, Half::None, Frame::Whole).unwrap());
+            assert_eq!(first, encoded(path, &film, &attributes, Half::None.into(), Frame::Whole).unwrap());
         }
     }
 

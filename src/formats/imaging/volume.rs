@@ -192,7 +192,7 @@ pub fn mapped(grid: &NativeGrid, to: GridType, mapping: &Mapping, limits: Limits
 }
 
 /// Metadata that OpenVDB keeps itself, and that speak of the grid as it was.
-const OWN: [&str; 9] = [
+pub(crate) const OWN: [&str; 9] = [
     "class",
     "name",
     "file_bbox_min",

@@ -32,11 +32,11 @@ impl Mesh {
 }
 
 impl Mesh {
-    /// Returns the corners of triangles that fill the polygons, for rays to meet.
+    /// Returns the corners of triangles that fill the polygons, for rays to meet, each with the number of its polygon.
     ///
     /// # Errors
     /// If the edges of a polygon cross each other, or a tree of the triangles does not fit into the limits.
-    pub(crate) fn surface(&self, limits: Limits) -> Result<Vec<[DVec3; 3]>> {
+    pub(crate) fn surface(&self, limits: Limits) -> Result<Vec<(usize, [DVec3; 3])>> {
         let count = self.triangles().count() as u64;
         if count.saturating_mul(TRIANGLE_BYTES) > limits.max_memory {
             return Err(Error::unsupported(format!("{count} triangles do not fit in memory"))
@@ -48,7 +48,7 @@ impl Mesh {
                 .hint("triangulate the mesh where it is exported")
         })?;
         let at = |corner: u32| self.vertices[corner as usize];
-        Ok(triangles.into_iter().map(|corners| corners.map(at)).collect())
+        Ok(triangles.into_iter().map(|(polygon, corners)| (polygon, corners.map(at))).collect())
     }
 }
 
@@ -80,7 +80,8 @@ impl MeshFormat {
     /// As [`Self::read`], or if the edges of a polygon cross each other, or a tree of the triangles does not fit into
     /// the limits. The error names the file.
     pub fn triangles(&self, path: &Path, limits: Limits) -> Result<Vec<[DVec3; 3]>> {
-        self.read(path, limits)?.surface(limits).map_err(|e| e.at(path))
+        let surface = self.read(path, limits)?.surface(limits).map_err(|e| e.at(path))?;
+        Ok(surface.into_iter().map(|(_, corners)| corners).collect())
     }
 
     /// Writes a file of this format.

@@ -165,14 +165,14 @@ impl Mesh {
         polygon.len() == 3 || !crossed && inner.into_iter().all(|i| normal(i).dot(sum) >= 0.0)
     }
 
-    /// Triangles that fill the polygons, by fans, or by cutting off ears of those that are not convex; `None` if the
-    /// edges of a polygon cross each other.
-    pub(crate) fn filled(&self) -> Option<Vec<[u32; 3]>> {
+    /// Triangles that fill the polygons, each with the number of its polygon: by fans, or by cutting off ears of those
+    /// that are not convex. `None` if the edges of a polygon cross each other.
+    pub(crate) fn filled(&self) -> Option<Vec<(usize, [u32; 3])>> {
         let mut triangles = Vec::with_capacity(self.corners.len().saturating_sub(2 * self.ends.len()));
-        let (mut ears, mut flat, mut numbers) = (Earcut::new(), Vec::new(), Vec::<u32>::new());
-        for polygon in self.polygons() {
+        let (mut earcut, mut flat, mut ears) = (Earcut::new(), Vec::new(), Vec::<u32>::new());
+        for (number, polygon) in self.polygons().enumerate() {
             if self.is_fan(polygon) {
-                triangles.extend((1..polygon.len() - 1).map(|i| [polygon[0], polygon[i], polygon[i + 1]]));
+                triangles.extend((1..polygon.len() - 1).map(|i| (number, [polygon[0], polygon[i], polygon[i + 1]])));
                 continue;
             }
             // About the origin and of size 1, no digit is lost and no length is too small.
@@ -183,11 +183,11 @@ impl Mesh {
             if !project3d_to_2d(&corners, corners.len(), &mut flat) {
                 return None;
             }
-            ears.earcut_slice(&flat, &[], &mut numbers);
-            if deviation(flat.iter().copied(), &[] as &[u32], &numbers) > MOST_DEVIATION {
+            earcut.earcut_slice(&flat, &[], &mut ears);
+            if deviation(flat.iter().copied(), &[] as &[u32], &ears) > MOST_DEVIATION {
                 return None;
             }
-            triangles.extend(numbers.chunks_exact(3).map(|of| [0, 1, 2].map(|i| polygon[of[i] as usize])));
+            triangles.extend(ears.chunks_exact(3).map(|of| (number, [0, 1, 2].map(|i| polygon[of[i] as usize]))));
         }
         Some(triangles)
     }
@@ -275,7 +275,7 @@ mod tests {
         let filled = star.filled().unwrap_or_default();
         assert_eq!((star.not_convex(), filled.len()), (1, 8));
         let normal = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a);
-        let at = |triangle: &[u32; 3]| normal(triangle.map(|corner| star.vertices[corner as usize]));
+        let at = |(_, triangle): &(usize, [u32; 3])| normal(triangle.map(|corner| star.vertices[corner as usize]));
         let area: f64 = filled.iter().map(|triangle| at(triangle).length()).sum();
         let expected = 10.0 * 0.5 * 2.0 * 0.7 * (std::f64::consts::PI / 5.0).sin() * 1.25_f64.sqrt();
         assert!((area / expected - 1.0).abs() < 1e-9, "{area} {expected}");

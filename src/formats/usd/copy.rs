@@ -3,8 +3,8 @@
 use super::attribute::Attribute;
 use super::convert;
 use super::inherits::Inherits;
-use super::mesh;
 use super::metadata::{StageMetadata, UpAxis};
+use super::own;
 use super::prim::Prim;
 use super::targets::{self, Absent};
 use super::value::Value;
@@ -30,9 +30,9 @@ const OF_MESHES: [&str; 8] = [
     "faceVertexIndices",
     "subdivisionScheme",
     "primvars:displayColor",
-    mesh::ALBEDO,
-    mesh::EMISSION,
-    mesh::HOLDOUT,
+    own::ALBEDO,
+    own::EMISSION,
+    own::HOLDOUT,
 ];
 /// Attributes of subsets of faces that are kept.
 const OF_SUBSETS: [&str; 2] = ["indices", "elementType"];

@@ -6,6 +6,7 @@
 //! transparency are left out. Meshes are rendered as their polygons, whatever subdivision they ask for.
 
 use super::medium::bound_shaders;
+use super::own::{ALBEDO, EMISSION, HOLDOUT};
 use super::prim::Prim;
 use super::stage::Stage;
 use super::value::Value;
@@ -15,12 +16,7 @@ use crate::formats::mesh::Mesh;
 use crate::formats::scene_file::LoadedScene;
 use crate::scene::meshes::Material;
 use glam::{DVec3, Vec3};
-use std::collections::BTreeSet;
-
-/// Names of Cumulo's own attributes.
-pub(super) const ALBEDO: &str = "cumulo:albedo";
-pub(super) const EMISSION: &str = "cumulo:emission";
-pub(super) const HOLDOUT: &str = "cumulo:holdout";
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Reads the meshes of a stage at a time code into a scene.
 ///
@@ -41,11 +37,14 @@ pub(super) fn meshes(stage: &Stage, time: f64, limits: Limits, scene: &mut Loade
             remarks.insert(format!("mesh {} is rendered as its polygons: surfaces are not subdivided", prim.path));
         }
         let faces = subsets(stage, prim, (mesh.ends.len(), time), &mut remarks);
-        for (bound, part) in parts(&mesh, &faces) {
+        let mut parts = BTreeMap::<usize, Vec<_>>::new();
+        for (polygon, triangle) in mesh.surface(limits).map_err(blame)? {
+            parts.entry(faces.of_face[polygon]).or_default().push(triangle);
+        }
+        for (bound, triangles) in parts {
             let bound = faces.prims.get(bound).copied().unwrap_or(prim);
             let stated = stated(stage, (prim, bound), time, &mut remarks);
             let material = own(prim, time, stated).map_err(blame)?;
-            let triangles = part.surface(limits).map_err(blame)?;
             scene.push_mesh(triangles, material.checked().map_err(blame)?, limits).map_err(blame)?;
         }
     }
@@ -74,7 +73,7 @@ fn polygons(prim: &Prim, time: f64) -> Result<Option<Mesh>> {
     if let Some(few) = counts.iter().find(|count| **count < 3) {
         return Err(bad(format!("a face has {few} corners; 3 or more are expected")));
     }
-    let sum: i64 = counts.iter().sum();
+    let sum = counts.iter().fold(0_i64, |sum, count| sum.saturating_add(*count));
     if sum != indices.len() as i64 || sum > i64::from(u32::MAX) {
         return Err(bad(format!("faces of {sum} corners in all have {} indices of points", indices.len())));
     }
@@ -100,13 +99,12 @@ struct Subsets<'s> {
 /// Returns the subsets of a mesh's faces to which materials are bound. A face belongs to the first that names it.
 fn subsets<'s>(
     stage: &'s Stage,
-    mesh: &Prim,
+    mesh: &'s Prim,
     (faces, time): (usize, f64),
     remarks: &mut BTreeSet<String>,
 ) -> Subsets<'s> {
-    let of_mesh = |prim: &&Prim| prim.parent() == Some(&mesh.path);
     let binds = |prim: &&Prim| prim.relationships.keys().any(|name| name.starts_with("material:binding"));
-    let prims: Vec<&Prim> = stage.of_type("GeomSubset").filter(of_mesh).filter(binds).collect();
+    let prims: Vec<&Prim> = stage.children(mesh).filter(|prim| prim.type_name == "GeomSubset").filter(binds).collect();
     let mut of_face = vec![prims.len(); faces];
     for (number, prim) in prims.iter().enumerate() {
         let of_faces = prim.text("elementType", time).is_none_or(|kind| kind == "face");
@@ -122,21 +120,6 @@ fn subsets<'s>(
         }
     }
     Subsets { prims, of_face }
-}
-
-/// Returns the parts of a mesh by the subset of their faces.
-fn parts(mesh: &Mesh, subsets: &Subsets<'_>) -> Vec<(usize, Mesh)> {
-    let all: BTreeSet<usize> = subsets.of_face.iter().copied().collect();
-    let part = |number: usize| {
-        let faces = mesh.polygons().zip(&subsets.of_face).filter(|(_, of)| **of == number);
-        let mut part = Mesh { vertices: mesh.vertices.clone(), ..Mesh::default() };
-        for (corners, _) in faces {
-            part.corners.extend(corners);
-            part.ends.push(part.corners.len() as u32);
-        }
-        (number, part)
-    };
-    all.into_iter().map(part).collect()
 }
 
 /// Returns what the attributes of the namespace `cumulo` state, in place of what else is stated.

@@ -17,6 +17,7 @@
 
 mod arcs;
 mod attribute;
+mod binary;
 mod camera;
 mod capture;
 mod convert;
@@ -29,6 +30,7 @@ pub(crate) mod lint;
 mod medium;
 mod mesh;
 mod metadata;
+mod own;
 mod prim;
 mod problems;
 mod read;

@@ -1,6 +1,6 @@
 //! Opening of layers: regular files of bounded size, and text that the parser understands.
 
-use super::text;
+use super::{binary, text};
 use crate::error::{Code, Error, Result};
 use crate::formats::ending::ends_in;
 use crate::formats::input;
@@ -69,7 +69,7 @@ impl Bounded {
         met.files.insert(file);
         drop(met);
         if bytes.starts_with(b"PXR-USDC") {
-            return Ok(bytes);
+            return binary::checked(bytes, self.most);
         }
         let text = String::from_utf8(bytes).map_err(|e| {
             let at = e.utf8_error().valid_up_to();

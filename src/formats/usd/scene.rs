@@ -95,8 +95,8 @@ pub(super) fn other_surfaces(stage: &Stage, time: f64) -> Option<String> {
     (count > 0).then(|| format!("meshes alone are rendered of surfaces: {count} prim(s) of other types are left out"))
 }
 
-/// True if another time code shows another scene: if a volume, a mesh, a light, a field, a material or what stands above
-/// one of them changes over time.
+/// True if another time code shows another scene: if a volume, a mesh, a light, a field, a material or what stands
+/// above one of them changes over time.
 fn moves(stage: &Stage) -> bool {
     let changes = |prim: &Prim| prim.attributes.values().any(|a| a.is_animated() && a.name != "extent");
     stage.prims().any(|prim| {

@@ -99,6 +99,14 @@ impl Stage {
         self.places.get(path).map(|place| &self.prims[*place])
     }
 
+    /// Returns the prims right beneath a prim.
+    pub(crate) fn children<'s>(&'s self, prim: &'s Prim) -> impl Iterator<Item = &'s Prim> {
+        let first = self.places.get(&prim.path).map_or(self.prims.len(), |place| place + 1);
+        let beneath = |other: &&Prim| other.path.strip_prefix(&prim.path).is_some_and(|rest| rest.starts_with('/'));
+        let beneath = self.prims[first..].iter().take_while(beneath);
+        beneath.filter(|other| other.parent() == Some(&prim.path))
+    }
+
     /// Returns a prim and its ancestors, from the prim upwards.
     pub(crate) fn upwards<'s>(&'s self, prim: &'s Prim) -> impl Iterator<Item = &'s Prim> {
         std::iter::successors(Some(prim), |prim| self.prim(prim.parent()?))

@@ -98,7 +98,8 @@ impl<'v> Deep<'v> {
     pub fn new(view: impl Into<View<'v>>, sampling: Sampling, error: f64, scene: &Scene) -> Self {
         let view = view.into();
         let (eye, axis) = (view.camera.position(), view.camera.forward());
-        let corners = scene.volumes.iter().map(|volume| volume.world_bounds()).filter(|bounds| !bounds.is_empty());
+        let volumes = std::iter::once(scene).chain(&scene.moments).flat_map(|scene| &scene.volumes);
+        let corners = volumes.map(|volume| volume.world_bounds()).filter(|bounds| !bounds.is_empty());
         let depths = corners.flat_map(|bounds| bounds.corners()).map(|corner| (corner - eye).dot(axis));
         let whole = depths.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], z| [a.min(z), b.max(z)]);
         // Depths of samples have single precision.

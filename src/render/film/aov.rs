@@ -1,6 +1,6 @@
 //! Planes that a picture has beside its RGBA (arbitrary output variables).
 
-use super::pixel::Pixel;
+use super::pixel::{Motion, Pixel};
 use glam::{DVec3, Vec3};
 
 /// An additional plane of a picture, or a layer of planes (arbitrary output variable).
@@ -30,6 +30,10 @@ pub enum Aov {
     /// `.W` (their place now, minus that in the frame after), as Blender's pass of that name; 0 where no frame is or
     /// nothing is met. Surfaces and volumes without velocities count as at rest: the camera moves.
     Motion,
+    /// Mean motion in the picture from the frame before, as planes `Denoising Backward Motion.X`, `.Y` and `.Z`: the
+    /// first two are those of [`Motion`](Self::Motion), the third is the length along the viewing axis in the frame
+    /// before minus that now. Cycles 5.2 hands this to the denoiser.
+    BackwardMotion,
     /// Number of paths, as plane `Debug Sample Count.X`.
     Samples,
     /// Radiance of two halves of the paths, whose random numbers are independent, as planes `half_a.R`, `.G`, `.B` and
@@ -53,16 +57,29 @@ impl Aov {
             Self::Position => "position",
             Self::Depth => "depth",
             Self::Motion => "motion",
+            Self::BackwardMotion => "backward-motion",
             Self::Samples => "samples",
             Self::Halves => "halves",
             Self::Replicates => "replicates",
         }
     }
 
+    /// True if a compression may lose digits of channels named R, G, B and Y.
+    pub fn survives_loss(self) -> bool {
+        use Aov::{Albedo, Depth, Direct, Indirect, OpticalDepth, Samples};
+        matches!(self, OpticalDepth | Direct | Indirect | Albedo | Depth | Samples)
+    }
+
+    /// True if the plane tells of other frames.
+    pub fn of_frames(self) -> bool {
+        matches!(self, Self::Motion | Self::BackwardMotion)
+    }
+
     /// True if the plane comes from scattered paths: direct volume rendering has no such thing.
     pub fn of_paths(self) -> bool {
         !matches!(self, Self::Variance | Self::OpticalDepth)
     }
+
     /// Returns the layers of the plane that pixels have one by one, named as Blender's passes where it has them.
     pub(super) fn layers(self) -> Vec<Layer> {
         const RGB: &[&str] = &["R", "G", "B"];
@@ -91,8 +108,12 @@ impl Aov {
                 [depth, 0.0, 0.0, 0.0]
             })],
             Aov::Motion => vec![Layer::new("Vector", &["X", "Y", "Z", "W"], |p, _| {
-                let [before, after] = p.mean_motion().map(|mean| mean.as_vec2());
-                [before.x, before.y, after.x, after.y]
+                let Motion { before, after, .. } = p.mean_motion();
+                [before.x, before.y, after.x, after.y].map(|v| v as f32)
+            })],
+            Aov::BackwardMotion => vec![Layer::new("Denoising Backward Motion", XYZ, |p, _| {
+                let Motion { before, depth_before, .. } = p.mean_motion();
+                [before.x, before.y, depth_before, 0.0].map(|v| v as f32)
             })],
             Aov::Samples => vec![Layer::new("Debug Sample Count", &["X"], |_, n| [n as f32, 0.0, 0.0, 0.0])],
             Aov::Halves => vec![

@@ -68,7 +68,7 @@ impl<'a> Planes<'a> {
             layers,
             depth: asks(Aov::OpticalDepth),
             normals: asks(Aov::Normal),
-            motion: asks(Aov::Motion),
+            motion: aovs.iter().any(|aov| aov.of_frames()),
             variance: asks(Aov::Variance),
             in_halves: sampling.is_random() && (asks(Aov::Variance) || asks(Aov::Halves)),
         }

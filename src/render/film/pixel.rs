@@ -5,6 +5,7 @@ use crate::render::integrator::{First, Interaction, Sample};
 use crate::scene::camera::Camera;
 use crate::scene::film::Moments;
 use glam::{DVec2, DVec3, DVec4, Vec3};
+use std::ops::{Add, Mul};
 
 /// Sums over a pixel's paths.
 #[derive(Debug, Clone, Default)]
@@ -27,17 +28,46 @@ pub(super) struct Pixel {
     pub(super) motion: [Moving; 2],
 }
 
+/// Motion in the picture, or a sum of motions.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Motion {
+    /// Place in the frame before minus that now, in pixels to the right and upwards.
+    pub(super) before: DVec2,
+    /// Place now minus that in the frame after.
+    pub(super) after: DVec2,
+    /// Length along the viewing axis in the frame before minus that now.
+    pub(super) depth_before: f64,
+}
+
+impl Add for Motion {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self {
+            before: self.before + other.before,
+            after: self.after + other.after,
+            depth_before: self.depth_before + other.depth_before,
+        }
+    }
+}
+
+impl Mul<f64> for Motion {
+    type Output = Self;
+    fn mul(self, by: f64) -> Self {
+        Self { before: self.before * by, after: self.after * by, depth_before: self.depth_before * by }
+    }
+}
+
 /// Sums of the motion in the picture over what is met first.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Moving {
     share: f64,
-    moved: [DVec2; 2],
+    sum: Motion,
 }
 
 impl Moving {
-    fn add(&mut self, share: f64, moved: [DVec2; 2]) {
+    fn add(&mut self, share: f64, sum: Motion) {
         self.share += share;
-        self.moved.iter_mut().zip(moved).for_each(|(sum, v)| *sum += v);
+        self.sum = self.sum + sum;
     }
 }
 
@@ -56,10 +86,10 @@ impl Pixel {
     }
 
     /// Adds the motion of a first collision, as [`View::motion`](super::View) gives it.
-    pub(super) fn add_motion(&mut self, first: &First, moved: [DVec2; 2]) {
+    pub(super) fn add_motion(&mut self, first: &First, motion: Motion) {
         let share = f64::from(first.share);
         let kind = usize::from(matches!(first.interaction, Interaction::Surface(_)));
-        self.motion[kind].add(share, moved.map(|v| share * v));
+        self.motion[kind].add(share, motion * share);
     }
 
     /// Adds the mean color of a ray's estimates.
@@ -80,7 +110,7 @@ impl Pixel {
         self.normal += other.normal;
         self.position += other.position;
         self.depth += other.depth;
-        self.motion.iter_mut().zip(other.motion).for_each(|(sum, of)| sum.add(of.share, of.moved));
+        self.motion.iter_mut().zip(other.motion).for_each(|(sum, of)| sum.add(of.share, of.sum));
     }
 
     /// Returns the mean color and alpha.
@@ -91,10 +121,10 @@ impl Pixel {
 
     /// Returns the mean motion of volumes or of surfaces, whichever of both is seen more: what moves otherwise has no
     /// motion in common. 0 without any.
-    pub(super) fn mean_motion(&self) -> [DVec2; 2] {
+    pub(super) fn mean_motion(&self) -> Motion {
         let [volumes, surfaces] = self.motion;
-        let Moving { share, moved } = if surfaces.share > volumes.share { surfaces } else { volumes };
-        moved.map(|sum| if share > 0.0 { sum / share } else { DVec2::ZERO })
+        let Moving { share, sum } = if surfaces.share > volumes.share { surfaces } else { volumes };
+        if share > 0.0 { sum * share.recip() } else { Motion::default() }
     }
 
     /// Returns the variances of the mean, as [`halves::both`] does.

@@ -1,5 +1,6 @@
 //! The view that a picture shows: its camera, and what moves from frame to frame.
 
+use super::pixel::Motion;
 use crate::math::Ray;
 use crate::render::integrator::{First, Interaction};
 use crate::scene::camera::Camera;
@@ -37,10 +38,9 @@ impl View<'_> {
         Ray { far, ..ray }
     }
 
-    /// Returns how a collision that is seen at `now` moves in the picture with its volume: its place in the frame
-    /// before minus that now, and its place now minus that in the frame after, in pixels to the right and upwards. In a
-    /// picture that is blurred it is that of a sharp one.
-    pub(super) fn motion(&self, first: &First, now: DVec2) -> [DVec2; 2] {
+    /// Returns how a collision that is seen at `now` moves in the picture with its volume. In a picture that is blurred
+    /// it is the motion in a sharp one.
+    pub(super) fn motion(&self, first: &First, now: DVec2) -> Motion {
         let seen = self.camera.project(first.position).filter(|_| !self.camera.blur.is_none());
         let now = seen.map_or(now, |(place, _)| place);
         let velocity = self.velocities.iter().find(|(volume, _)| first.interaction == Interaction::Volume(*volume));
@@ -49,6 +49,12 @@ impl View<'_> {
             let place = camera.unwrap_or(self.camera).project(world).map_or(now, |(place, _)| place);
             DVec2::new(place.x - now.x, now.y - place.y)
         };
-        [from_now(self.before, first.position - goes), -from_now(self.after, first.position + goes)]
+        let depth = |camera: &Camera, world: DVec3| (world - camera.position()).dot(camera.forward());
+        let before = first.position - goes;
+        Motion {
+            before: from_now(self.before, before),
+            after: -from_now(self.after, first.position + goes),
+            depth_before: depth(self.before.unwrap_or(self.camera), before) - depth(self.camera, first.position),
+        }
     }
 }

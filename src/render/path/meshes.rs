@@ -242,6 +242,47 @@ impl<M: Media> Walk<'_, M> {
         (Vertex::Collision { position, phase, albedo, total }, emitted)
     }
 
+    /// Adds the light that a vertex, reached in a direction with a weight, scatters from lights and from surfaces that
+    /// emit, one drawn of each by two numbers in [0, 1) and more of the sampler.
+    #[inline(always)]
+    fn light(
+        &mut self,
+        vertex: &Vertex<M::Phase>,
+        (from, weight): (DVec3, Vec3),
+        numbers: [f64; 2],
+        sum: &mut Vec3,
+        sampler: &mut Sampler,
+    ) {
+        let Self { media, meshes, lighting, dark, .. } = *self;
+        let origin = vertex.origin();
+        let drawn = lighting.sample(origin, numbers).map(|(_, arrival)| (arrival, None));
+        let of_meshes = if meshes.emit() && !dark {
+            let [choice, u, v, _] = sampler.stratified();
+            meshes.sample(origin, [choice, u, v]).map(|(arrival, triangle)| (arrival, Some(triangle)))
+        } else {
+            None
+        };
+        for (arrival, triangle) in [drawn, of_meshes].into_iter().flatten() {
+            let scattered = vertex.value(from, arrival.direction);
+            if scattered <= 0.0 {
+                continue;
+            }
+            let toward = Ray::new(origin, arrival.direction);
+            let seen = match triangle {
+                // Of faces that coincide, one is met, by whichever way.
+                Some(triangle) => meshes.see(&toward, arrival.distance, triangle),
+                None => !meshes.block(&toward, arrival.distance),
+            };
+            if !seen {
+                continue;
+            }
+            self.scratch.counts.shadow_rays += 1;
+            let transmittance = media.transmittance(&toward, arrival.distance, sampler, self.scratch);
+            let tint = vertex.tint(from, arrival.direction);
+            *sum += weight * lighting.weighted(&arrival, scattered) * transmittance * tint;
+        }
+    }
+
     /// Follows a path from a vertex that it reached in a direction with a weight, and adds the light that it finds.
     #[inline(always)]
     fn follow(
@@ -265,34 +306,9 @@ impl<M: Media> Walk<'_, M> {
             bounces += 1;
             let once = bounces == 1;
             let [u, v, of_lights, of_light] = sampler.stratified();
+            let sum = if once { &mut out.direct } else { &mut out.indirect };
+            self.light(&vertex, (from, weight), [of_lights, of_light], sum, sampler);
             let origin = vertex.origin();
-            let drawn = lighting.sample(origin, [of_lights, of_light]).map(|(_, arrival)| (arrival, None));
-            let of_meshes = if meshes.emit() && !dark {
-                let [choice, u, v, _] = sampler.stratified();
-                meshes.sample(origin, [choice, u, v]).map(|(arrival, triangle)| (arrival, Some(triangle)))
-            } else {
-                None
-            };
-            for (arrival, triangle) in [drawn, of_meshes].into_iter().flatten() {
-                let scattered = vertex.value(from, arrival.direction);
-                if scattered <= 0.0 {
-                    continue;
-                }
-                let toward = Ray::new(origin, arrival.direction);
-                let seen = match triangle {
-                    // Of faces that coincide, one is met, by whichever way.
-                    Some(triangle) => meshes.see(&toward, arrival.distance, triangle),
-                    None => !meshes.block(&toward, arrival.distance),
-                };
-                if !seen {
-                    continue;
-                }
-                self.scratch.counts.shadow_rays += 1;
-                let transmittance = media.transmittance(&toward, arrival.distance, sampler, self.scratch);
-                let tint = vertex.tint(from, arrival.direction);
-                let seen = weight * lighting.weighted(&arrival, scattered) * transmittance * tint;
-                *if once { &mut out.direct } else { &mut out.indirect } += seen;
-            }
             let (direction, density) = vertex.sample(from, [u, v]);
             self.scratch.counts.impossible += u64::from(density.is_nan() || density <= 0.0);
             weight *= vertex.tint(from, direction);

@@ -182,7 +182,7 @@ fn dicom() -> Vec<u8> {
 
 const STAGE: [&str; 4] = ["info {}", "validate {}", "plan {} --size 6x6", "render {} --size 6x6 --samples 2 -o >out"];
 
-/// A stage of a volume with a light and a camera that moves, as text, binary or package.
+/// A stage of a volume and a mesh with a light and a camera that moves, as text, binary or package.
 fn stage(name: &str, volume: &[u8]) -> Vec<u8> {
     let text = r#"
 def Xform "World" {
@@ -208,6 +208,33 @@ def Xform "World" {
     ) {
         color3f inputs:color = (1, 0.5, 0.25)
         bool inputs:normalize = 1
+    }
+    def Mesh "floor" (
+        prepend apiSchemas = ["MaterialBindingAPI"]
+    ) {
+        point3f[] points = [(-2, 0, 0), (2, 0, 0), (2, 3, 0), (-2, 3, 0), (0, 1, 1)]
+        int[] faceVertexCounts = [4, 3, 3]
+        int[] faceVertexIndices = [0, 1, 2, 3, 0, 1, 4, 2, 3, 4]
+        color3f[] primvars:displayColor = [(0.5, 0.5, 0.25)]
+        custom color3f cumulo:emission = (0.5, 0.25, 0.125)
+        double3 xformOp:translate.timeSamples = { 1: (0, 0, -1), 2: (0, 0, -0.5) }
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        rel material:binding = </World/grey>
+        def GeomSubset "half" (
+            prepend apiSchemas = ["MaterialBindingAPI"]
+        ) {
+            uniform token elementType = "face"
+            int[] indices = [1, 2]
+            rel material:binding = </World/grey>
+        }
+    }
+    def Material "grey" {
+        token outputs:surface.connect = </World/grey/shader.outputs:surface>
+        def Shader "shader" {
+            uniform token info:id = "UsdPreviewSurface"
+            color3f inputs:diffuseColor = (0.25, 0.5, 0.5)
+            token outputs:surface
+        }
     }
 }
 "#;

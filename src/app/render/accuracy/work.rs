@@ -75,7 +75,7 @@ impl RenderSettings {
             seconds: work.begun.elapsed().as_secs_f64(),
             stopped: !done,
             has_samples: self.aov.contains(&Aov::Samples),
-            keeps_sums: keeps || !(done || self.half) && self.sums_tell_all(),
+            keeps_sums: keeps || !(done || self.half || !self.compression.is_lossless()) && self.sums_tell_all(),
         };
         (made.replicates.count() > 0).then(|| Measured::of(&made, &self.accuracy, known))
     }

@@ -1,6 +1,7 @@
 //! Deep pictures as flat ones.
 
 use super::header::{open, too_large};
+use super::held::{HeldOut, HeldRow};
 use super::{DeepLine, TidyPixel, is_deep};
 use crate::error::{Error, Result};
 use crate::formats::exr::{Channel, Header, Image, Layer, Picture, SampleType, fault, picture_within, read_within};
@@ -26,31 +27,33 @@ pub(crate) struct Flattened {
     pub film: Film,
 }
 
-/// Reads a deep picture and composites the samples of each pixel, once they are sorted and split where they overlap.
-/// Rows are read as they are needed: the film (20 bytes per pixel of the display window) and the chunks being unpacked
+/// Reads a deep picture and composites the samples of each pixel, once they are sorted and split where they overlap, as
+/// far as they are seen where something holds them out. Rows are read as they are needed: the film (20 bytes per pixel of the display window) and the chunks being unpacked
 /// must fit into `limits`.
 ///
 /// # Errors
 /// If the file is no deep OpenEXR picture, is damaged, has no channel Z or A, has samples whose depth is NaN, or takes
-/// more memory than allowed.
-pub(crate) fn flattened(path: &Path, limits: Limits) -> Result<Flattened> {
+/// more memory than allowed; or if what holds it out is of another size, or has a depth of NaN.
+pub(crate) fn flattened(path: &Path, held: Option<&HeldOut>, limits: Limits) -> Result<Flattened> {
     let _reading = Reading::begin(path);
     let mut source = open(path, limits)?;
     let (display, data) = (source.header.display_window, source.part().data_window);
-    let held = display.pixels().saturating_mul((size_of::<[f32; 4]>() + size_of::<f32>()) as u64);
+    held.map_or(Ok(()), |held| held.check(display)).map_err(|e| e.at(path))?;
+    let bytes = display.pixels().saturating_mul((size_of::<[f32; 4]>() + size_of::<f32>()) as u64);
     let mut flat: Option<(Film, Vec<f32>)> = None;
     let [width, height] = display.size;
     // Windows reach out of each other by less than 2³³.
     let from = [0, 1].map(|axis| i64::from(data.min[axis]) - i64::from(display.min[axis]));
     let blank = || (Film::new(width, height), vec![NOWHERE; width * height]);
-    source.lines((held, limits), |row, line| {
-        let needed = held.saturating_add(TIDY_BYTES * line.samples.len() as u64);
+    source.lines((bytes, limits), |row, line| {
+        let needed = bytes.saturating_add(TIDY_BYTES * line.samples.len() as u64);
         if needed > limits.max_memory {
             let what = format!("row {row} of {} deep samples", line.samples.len());
             return Err(too_large(&what, needed, limits).at(path));
         }
         let y = from[1] + row as i64;
-        let pixels = composited(&line).ok_or_else(|| undefined(row).at(path))?;
+        let before = held.map(|held| (held.row(y), from[0]));
+        let pixels = composited(&line, before.as_ref()).ok_or_else(|| undefined(row).at(path))?;
         if (0..height as i64).contains(&y) {
             let (film, depths) = flat.get_or_insert_with(blank);
             for (column, (rgba, depth)) in pixels.into_iter().enumerate() {
@@ -68,17 +71,23 @@ pub(crate) fn flattened(path: &Path, limits: Limits) -> Result<Flattened> {
     Ok(Flattened { header: source.header, film })
 }
 
-/// Returns color, opacity and depth of each pixel of a row; none if a depth is NaN.
-fn composited(line: &DeepLine) -> Option<Vec<([f32; 4], Option<f32>)>> {
+/// Returns color, opacity and depth of each pixel of a row, of which `held` holds out a part, with the column at which
+/// the row begins in the display window; `None` if a depth is NaN.
+fn composited(line: &DeepLine, held: Option<&(HeldRow<'_>, i64)>) -> Option<Vec<([f32; 4], Option<f32>)>> {
     if line.samples.iter().any(|sample| sample.z.is_nan() || sample.z_back.is_nan()) {
         return None;
     }
     let pixels: Vec<_> = line.pixels().collect();
-    let one = |samples: &&[_]| {
+    let one = |(column, samples): (usize, &&[_])| {
         let tidy = TidyPixel::new(samples);
-        (tidy.rgba().map(|v| v as f32), tidy.depth().map(|z| z as f32))
+        let rgba = match held {
+            Some((row, from)) => tidy.rgba_held_out(&row.pixel(from + column as i64)?),
+            None => tidy.rgba(),
+        };
+        let seen = held.is_none() || rgba != [0.0; 4];
+        Some((rgba.map(|v| v as f32), tidy.depth().filter(|_| seen).map(|z| z as f32)))
     };
-    Some(pixels.par_iter().with_min_len(64).map(one).collect())
+    pixels.par_iter().enumerate().with_min_len(64).map(one).collect()
 }
 
 fn undefined(row: usize) -> Error {
@@ -104,7 +113,7 @@ pub(crate) fn picture_or_flattened(path: &Path, layer: Option<&str>, limits: Lim
     if let Some(name) = layer.filter(|name| !name.is_empty()) {
         return Err(fault::no_layers(name).at(path));
     }
-    Ok(flattened_picture(flattened(path, limits)?.film))
+    Ok(flattened_picture(flattened(path, None, limits)?.film))
 }
 
 /// Reads all layers of a flat picture as [`read_within`] does, or a deep picture composited, as channels R, G, B, A and
@@ -117,7 +126,7 @@ pub(crate) fn image_or_flattened(path: &Path, limits: Limits) -> Result<Image> {
         return read_within(path, limits);
     }
     // Planes are made of the pixels while these are held.
-    let Flattened { header, film } = flattened(path, Limits { max_memory: limits.max_memory / 2 })?;
+    let Flattened { header, film } = flattened(path, None, Limits { max_memory: limits.max_memory / 2 })?;
     let Film { width, height, rgba, planes, .. } = film;
     let channel = |name: &str, samples: Vec<f32>| {
         let non_finite = samples.iter().filter(|v| !v.is_finite()).count();

@@ -16,6 +16,7 @@
 mod chunk;
 mod flatten;
 mod header;
+mod held;
 mod lines;
 mod picture;
 mod problems;
@@ -29,6 +30,7 @@ pub(crate) use flatten::{Flattened, flattened, flattened_picture, image_or_flatt
 pub(super) use header::header;
 pub use header::is_deep;
 pub(in crate::formats) use header::states_deep;
+pub(crate) use held::HeldOut;
 pub(super) use lines::is_whole;
 pub use picture::{DeepPicture, read, read_within};
 pub(crate) use problems::{Finding, findings_within};

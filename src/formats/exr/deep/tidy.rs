@@ -22,6 +22,11 @@ pub struct Interval {
 }
 
 impl Interval {
+    /// Returns the optical depth of a part of a volume of that length.
+    fn optical_depth(&self, length: f64) -> f64 {
+        if self.alpha == 1.0 { f64::INFINITY } else { -(-self.alpha).ln_1p() * length / (self.z_back - self.z) }
+    }
+
     /// Returns the part in front of a depth within a volume.
     fn in_front_of(&self, z: f64) -> Self {
         let share = ((z - self.z) / (self.z_back - self.z)).clamp(0.0, 1.0);
@@ -111,9 +116,73 @@ impl TidyPixel {
         [r, g, b]
     }
 
+    /// Premultiplied color and opacity of what is seen of the pixel where another one holds it out: what lies behind or
+    /// within the other is hidden as far as that is opaque, and the other itself shows nothing. A point hides what lies
+    /// at its own depth.
+    pub fn rgba_held_out(&self, holdout: &Self) -> [f64; 4] {
+        let mut depths: Vec<f64> = self.0.iter().chain(&holdout.0).flat_map(|i| [i.z, i.z_back]).collect();
+        depths.sort_by(f64::total_cmp);
+        depths.dedup();
+        let (mut own, mut others) = (Cursor(&self.0), Cursor(&holdout.0));
+        let (mut rgba, mut through, mut open) = ([0.0; 4], 1.0, 1.0);
+        for (k, &z) in depths.iter().enumerate() {
+            while let Some(point) = others.point(z) {
+                open *= 1.0 - point.alpha;
+            }
+            while let Some(Interval { color: [r, g, b], alpha, .. }) = own.point(z) {
+                rgba.iter_mut().zip([r, g, b, alpha]).for_each(|(sum, v)| *sum += through * open * v);
+                through *= 1.0 - alpha;
+            }
+            let Some(&end) = depths.get(k + 1).filter(|_| through * open > 0.0) else { break };
+            let hidden = others.volume(z).map_or(0.0, |volume| volume.optical_depth(end - z));
+            if let Some(volume) = own.volume(z) {
+                let Interval { color: [r, g, b], alpha, .. } = *volume;
+                let depth = volume.optical_depth(end - z);
+                // What reaches the front of what glows along the part, through both. An opaque volume shows its front.
+                let seen = if alpha == 1.0 {
+                    1.0
+                } else {
+                    let share = (end - z) / (volume.z_back - volume.z);
+                    let glow = if alpha == 0.0 { share } else { depth / alpha };
+                    glow * mean_transmittance(depth + hidden)
+                };
+                rgba.iter_mut().zip([r, g, b, alpha]).for_each(|(sum, v)| *sum += through * open * seen * v);
+                through *= (-depth).exp();
+            }
+            open *= (-hidden).exp();
+        }
+        rgba
+    }
+
     /// Depth of the front of the nearest sample that is not fully transparent.
     pub fn depth(&self) -> Option<f64> {
         self.0.iter().find(|interval| interval.alpha > 0.0).map(|interval| interval.z)
+    }
+}
+
+/// Mean transmittance from the front to the places of a homogeneous medium of an optical depth.
+fn mean_transmittance(optical_depth: f64) -> f64 {
+    if optical_depth == 0.0 { 1.0 } else { -(-optical_depth).exp_m1() / optical_depth }
+}
+
+/// Samples of a tidy pixel of which those before a depth are done with.
+struct Cursor<'p>(&'p [Interval]);
+
+impl<'p> Cursor<'p> {
+    /// Returns the next point at a depth.
+    fn point(&mut self, z: f64) -> Option<&'p Interval> {
+        while let Some((first, rest)) = self.0.split_first().filter(|(first, _)| first.z_back <= z) {
+            self.0 = rest;
+            if first.z == first.z_back && first.z == z {
+                return Some(first);
+            }
+        }
+        None
+    }
+
+    /// Returns the volume that goes on behind a depth, none of which end there any more.
+    fn volume(&self, z: f64) -> Option<&'p Interval> {
+        self.0.first().filter(|first| first.z <= z && first.z_back > z)
     }
 }
 

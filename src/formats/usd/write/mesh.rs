@@ -4,7 +4,7 @@ use super::light::placed;
 use super::text::{Content, Literal, PrimText, Property};
 use super::volume::extent;
 use crate::formats::mesh::Mesh;
-use crate::formats::usd::mesh::{ALBEDO, EMISSION, HOLDOUT};
+use crate::formats::usd::own::{ALBEDO, EMISSION, HOLDOUT};
 use crate::math::Aabb;
 use crate::scene::meshes::Material;
 use glam::DMat4;
