@@ -9,7 +9,7 @@ use super::imaging::write::{self, Target};
 use super::imaging::{
     self, ImageFormat, cvol, dicom, meta_image, mitsuba, mrc, nifti, nrrd, numpy, raw, tiff, vtk, zarr,
 };
-use super::mesh::{MeshFormat, obj, ply};
+use super::mesh::{MeshFormat, gltf, obj, ply};
 use super::raster::{PictureFormat, jpeg, png as png_reader};
 use super::{colmap, png};
 use crate::error::{Code, Error, Result};
@@ -130,6 +130,14 @@ pub static FORMATS: &[&Format] = &[
             options: &[Placement, Time, Channel, Level],
             targets: &[],
         }),
+    },
+    &Format {
+        name: "glTF",
+        phrase: "a glTF scene",
+        endings: &["glb", "gltf"],
+        frames: false,
+        recognizes: |path, start| Ok(start.starts_with(b"glTF") || !path.is_dir() && ends_in(path, "gltf")),
+        kind: FileKind::Mesh(&MeshFormat { read: gltf::read, write: None }),
     },
     &Format {
         name: "capture",
@@ -325,7 +333,7 @@ pub static FORMATS: &[&Format] = &[
         endings: &["ply"],
         frames: false,
         recognizes: |_, start| Ok(start.starts_with(b"ply\n") || start.starts_with(b"ply\r")),
-        kind: FileKind::Mesh(&MeshFormat { read: ply::read, write: ply::write }),
+        kind: FileKind::Mesh(&MeshFormat { read: ply::read, write: Some(ply::write) }),
     },
     // Its files state nothing of themselves.
     &Format {
@@ -334,7 +342,7 @@ pub static FORMATS: &[&Format] = &[
         endings: &["obj"],
         frames: false,
         recognizes: |path, _| Ok(!path.is_dir() && ends_in(path, "obj")),
-        kind: FileKind::Mesh(&MeshFormat { read: obj::read, write: obj::write }),
+        kind: FileKind::Mesh(&MeshFormat { read: obj::read, write: Some(obj::write) }),
     },
 ];
 

@@ -139,7 +139,7 @@ fn expanded(work: &Work, line: &str) -> Vec<String> {
         assert!(!paths.is_empty(), "{pattern} matches nothing");
         paths
     };
-    let words = line.split_whitespace().map(String::from);
+    let words = line.split_whitespace().map(|word| word.replace('\'', ""));
     words.flat_map(|word| if word.contains('*') && word.contains('/') { matches(&word) } else { vec![word] }).collect()
 }
 

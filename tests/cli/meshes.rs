@@ -1,7 +1,9 @@
 //! `cumulo convert` from volumes to meshes and back, held against what is known of spheres and boxes in closed form.
 
 use crate::common::fields::{grid, noise, odd};
+use crate::common::shapes::gltf;
 use crate::common::work::{Work, density, number};
+use base64::Engine;
 use cumulo::error::Code;
 use cumulo::formats::format::FileKind;
 use cumulo::formats::limits::Limits;
@@ -460,4 +462,64 @@ fn sequences_of_volumes_become_sequences_of_meshes_and_back() {
     let report = work.json("convert m.####.ply q.####.vdb --voxel-size 0.1 --to fog");
     assert_eq!(report["converted"], 2);
     assert_eq!(density(&work.path("q.0004.vdb")).class, GridClass::FogVolume);
+}
+
+/// Scenes in glTF are read with the placement of their nodes, in each of the ways in which they hold their numbers.
+#[test]
+fn scenes_in_gltf_are_read() {
+    let work = Work::new();
+    let [binary, inline, beside] = ["scene.glb", "inline.gltf", "beside.gltf"].map(|name| work.path(name));
+    let (bytes, buffer) = gltf(None);
+    std::fs::write(&binary, bytes).unwrap();
+    let data = base64::engine::general_purpose::STANDARD.encode(&buffer);
+    let uri = format!("data:application/octet-stream;base64,{data}");
+    std::fs::write(&inline, gltf(Some(&uri)).0).unwrap();
+    std::fs::write(&beside, gltf(Some("of%20the%20scene.bin")).0).unwrap();
+    std::fs::write(work.path("of the scene.bin"), &buffer).unwrap();
+    let found = mesh(&binary);
+    assert_eq!([&found, &found], [&mesh(&inline), &mesh(&beside)]);
+    // 12 triangles of the box, 2 of the strip and 4 of the fan, of which those with a corner twice are flat.
+    assert_eq!((found.vertices.len(), found.ends.len()), (36 + 4 + 4, 12 + 2 + 4));
+    let bounds =
+        found.vertices[..36].iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[a, b], v| [a.min(*v), b.max(*v)]);
+    assert_eq!(bounds, [DVec3::new(10.0, 0.0, 0.0), DVec3::new(11.0, 2.0, 3.0)]);
+    let turned = [[10.0, 20.0, 0.0], [10.0, 22.0, 0.0], [8.0, 20.0, 0.0], [10.0, 20.0, 2.0]].map(DVec3::from_array);
+    assert_eq!((&found.vertices[36..40], &found.vertices[40..]), (&turned[..], &turned[..]));
+    let report = work.json("convert scene.glb scene.vdb --voxel-size 0.1");
+    assert!((number(&report["mesh"], "volume") - (6.0 + 8.0 / 6.0)).abs() < 1e-5, "{report}");
+    assert_eq!(report["mesh"]["open_edges"], 0, "{report}");
+    work.json("render @plume.vdb --views 1 --size 8x8 --holdout scene.glb -o held.exr");
+    let scene = serde_json::json!({"volumes": [{"file": "plume.vdb"}], "meshes": [{"file": "beside.gltf"}],
+        "lights": [{"type": "DistantLight", "direction": [0, 0, 1], "irradiance": [3, 3, 3]}]});
+    std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
+    std::fs::copy(crate::common::work::fixture("plume.vdb"), work.path("plume.vdb")).unwrap();
+    work.json("render scene.json --views 1 --size 8x8 --samples 1 -o scene.exr");
+}
+
+#[test]
+fn scenes_in_gltf_that_cannot_be_read_are_refused() {
+    let work = Work::new();
+    let (binary, _) = gltf(None);
+    let refused = |name: &str, bytes: &[u8], code: Code, facts: &[&str]| {
+        std::fs::write(work.path(name), bytes).unwrap();
+        work.refused(&format!("convert {name} no.vdb --voxel-size 0.1"), code, &[&[name], facts].concat());
+        assert!(!work.path("no.vdb").exists());
+    };
+    refused("cut.glb", &binary[..binary.len() - 40], Code::Invalid, &["no valid glTF"]);
+    let changed = |from: &str, to: &str| {
+        assert_eq!(from.len(), to.len());
+        let mut bytes = binary.clone();
+        let at = bytes.windows(from.len()).position(|part| part == from.as_bytes()).unwrap();
+        bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
+        bytes
+    };
+    refused("far.glb", &changed("\"count\":36", "\"count\":99"), Code::Invalid, &["99 values", "buffer"]);
+    refused("many.glb", &changed("\"count\":36", "\"count\":06"), Code::Invalid, &["glTF"]);
+    refused("kind.glb", &changed("\"componentType\":5121", "\"componentType\":5126"), Code::Unsupported, &["integers"]);
+    refused("circle.glb", &changed("\"children\":[1]", "\"children\":[0]"), Code::Invalid, &["node"]);
+    let text = |uri: &str| gltf(Some(uri)).0;
+    refused("a.gltf", &text("none.bin"), Code::NotFound, &["none.bin"]);
+    refused("b.gltf", &text("https://example.org/a.bin"), Code::Unsupported, &["https", ".glb"]);
+    refused("c.gltf", &text("data:text/plain;base64,###"), Code::Invalid, &["base64"]);
+    work.refused("convert @cube.vdb no.glb --iso 0.5", Code::Unsupported, &["no.glb"]);
 }

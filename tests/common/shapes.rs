@@ -50,3 +50,59 @@ pub fn write_ply(path: &Path, triangles: &Triangles) {
     }
     std::fs::write(path, text).unwrap();
 }
+
+/// A scene in glTF: a box of triangles without indices, moved by its node, and within that node a tetrahedron of a strip
+/// and a fan with indices of 8 and 16 bits, turned and scaled. `uri` says where the buffer lies: [`None`] for the file
+/// itself, in binary form.
+pub fn gltf(uri: Option<&str>) -> (Vec<u8>, Vec<u8>) {
+    let mut triangles = walls(DVec3::ZERO, DVec3::new(1.0, 2.0, 3.0));
+    // All face outwards.
+    (0..12).filter(|i| i / 2 % 2 == 0).for_each(|i| triangles[i].swap(1, 2));
+    let mut buffer: Vec<u8> = Vec::new();
+    let mut put = |bytes: &[u8]| {
+        let start = buffer.len();
+        buffer.extend_from_slice(bytes);
+        buffer.resize(buffer.len().next_multiple_of(4), 0);
+        serde_json::json!({"buffer": 0, "byteOffset": start, "byteLength": bytes.len()})
+    };
+    let floats = |corners: &mut dyn Iterator<Item = DVec3>| -> Vec<u8> {
+        corners.flat_map(|at| at.as_vec3().to_array()).flat_map(f32::to_le_bytes).collect()
+    };
+    let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+    let views = [
+        put(&floats(&mut triangles.iter().flatten().copied())),
+        put(&floats(&mut corners.into_iter())),
+        // The strip has two faces, and the fan about the last corner the others.
+        put(&[0, 2, 1, 3]),
+        put(&[3_u16, 2, 0, 0, 1, 1].map(u16::to_le_bytes).concat()),
+    ];
+    let accessor = |view: usize, kind: u32, shape: &str, count: usize| {
+        serde_json::json!({"bufferView": view, "componentType": kind, "type": shape, "count": count,
+            "min": [0.0, 0.0, 0.0], "max": [3.0, 3.0, 3.0]})
+    };
+    let accessors = [
+        accessor(0, 5126, "VEC3", 3 * triangles.len()),
+        accessor(1, 5126, "VEC3", 4),
+        accessor(2, 5121, "SCALAR", 4),
+        accessor(3, 5123, "SCALAR", 6),
+    ];
+    let mut document = serde_json::json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "translation": [10, 0, 0], "children": [1]},
+            {"mesh": 1, "matrix": [0, 2, 0, 0, -2, 0, 0, 0, 0, 0, 2, 0, 0, 20, 0, 1]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]},
+            {"primitives": [{"attributes": {"POSITION": 1}, "indices": 2, "mode": 5},
+                {"attributes": {"POSITION": 1}, "indices": 3, "mode": 6}, {"attributes": {"POSITION": 1}, "mode": 1}]}],
+        "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": buffer.len()}]
+    });
+    if let Some(uri) = uri {
+        document["buffers"][0]["uri"] = uri.into();
+        return (document.to_string().into_bytes(), buffer);
+    }
+    let mut json = document.to_string().into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let word = |number: usize| (number as u32).to_le_bytes();
+    let head = [&b"glTF"[..], &word(2), &word(28 + json.len() + buffer.len())].concat();
+    let chunks = [&word(json.len())[..], b"JSON", &json, &word(buffer.len()), b"BIN\0", &buffer].concat();
+    ([head, chunks].concat(), buffer)
+}

@@ -28,6 +28,7 @@ fn beginnings() -> Vec<(&'static str, Vec<u8>)> {
         (".cvol", b"cvol".to_vec()),
         ("NIfTI", fixture("head.nii.gz")),
         ("PLY", b"ply\nformat ascii 1.0\n".to_vec()),
+        ("glTF", b"glTF\x02\0\0\0".to_vec()),
     ];
     for mut sample in images::samples() {
         let name = match sample.name.split([',', '-', ' ', '\'']).next().unwrap() {

@@ -12,8 +12,8 @@ use winnow::error::{ContextError, ErrMode};
 use winnow::prelude::*;
 use winnow::token::{one_of, take_till, take_while};
 
-/// Longest text of an expression: parsing takes stack for each bracket.
-const MOST_BYTES: usize = 1000;
+/// Most brackets, signs and powers of an expression, each of which takes stack while it is parsed.
+const MOST_NESTED: usize = 200;
 
 /// An expression of named values.
 #[derive(Debug, Clone, PartialEq)]
@@ -132,8 +132,11 @@ impl Node {
 impl FromStr for Expression {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        if text.len() > MOST_BYTES {
-            return Err(format!("the expression has {} characters; {MOST_BYTES} at most are expected", text.len()));
+        let nested = text.bytes().filter(|byte| b"(+-!^".contains(byte)).count();
+        if nested > MOST_NESTED {
+            return Err(format!(
+                "the expression has {nested} brackets, signs and powers; {MOST_NESTED} at most are parsed"
+            ));
         }
         let parsed = delimited(multispace0, node, multispace0).parse(text).map_err(|e| {
             let (before, behind) = text.split_at(e.offset());
@@ -310,8 +313,11 @@ mod tests {
             assert!(error.contains(words), "{text}: {error}");
         }
         for repeated in ["(", "-", "!", "2^", "sqrt(", "1+", "if("] {
-            assert!(repeated.repeat(999 / repeated.len()).parse::<Expression>().is_err(), "{repeated}");
+            for count in [200, 100_000] {
+                assert!(repeated.repeat(count / repeated.len()).parse::<Expression>().is_err(), "{repeated}");
+            }
         }
-        assert!("1".repeat(1001).parse::<Expression>().unwrap_err().contains("1000"));
+        assert!(format!("{}1{}", "(".repeat(200), ")".repeat(200)).parse::<Expression>().is_ok());
+        assert!("1*".repeat(10_000).parse::<Expression>().unwrap_err().contains("ends"));
     }
 }

@@ -47,6 +47,7 @@ use crate::formats::format::{FileKind, Format};
 use crate::formats::imaging::options::ReadOption;
 use crate::formats::imaging::write::Target;
 use crate::formats::limits::Limits;
+use crate::formats::mesh::MeshFormat;
 use crate::formats::raster::PictureFormat;
 use crate::formats::registry::{self, FORMATS, NPY, RAW, VDB};
 use crate::formats::vdb::Codec;
@@ -222,7 +223,7 @@ impl Output {
             }
             FileKind::NanoVdb
             | FileKind::Exr
-            | FileKind::Mesh(_)
+            | FileKind::Mesh(MeshFormat { write: Some(_), .. })
             | FileKind::Picture(PictureFormat { write: Some(_), .. }) => {
                 format.has_name(path).then_some(Self { format, target: None })
             }
@@ -250,7 +251,9 @@ fn routes() -> String {
             FileKind::Picture(PictureFormat { write: Some(_), .. }) => {
                 pictures.extend(format.endings.iter().map(|ending| format!(".{ending}")));
             }
-            FileKind::Mesh(_) => meshes.extend(format.endings.iter().map(|ending| format!(".{ending}"))),
+            FileKind::Mesh(MeshFormat { write: Some(_), .. }) => {
+                meshes.extend(format.endings.iter().map(|ending| format!(".{ending}")))
+            }
             _ => {}
         }
     }

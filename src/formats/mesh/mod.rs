@@ -1,6 +1,7 @@
-//! Meshes of polygons: PLY and Wavefront OBJ.
+//! Meshes of polygons: PLY, Wavefront OBJ and glTF.
 
 pub(crate) mod builder;
+pub(crate) mod gltf;
 pub(crate) mod obj;
 pub(crate) mod ply;
 pub(crate) mod topology;
@@ -57,8 +58,8 @@ impl Mesh {
 pub struct MeshFormat {
     /// Reads a file.
     pub(crate) read: fn(&Path, Limits) -> Result<Mesh>,
-    /// Writes a file.
-    pub(crate) write: fn(&Path, &Mesh) -> Result<()>,
+    /// Writes a file; none if files of the format are read alone.
+    pub(crate) write: Option<fn(&Path, &Mesh) -> Result<()>>,
 }
 
 impl MeshFormat {
@@ -87,9 +88,14 @@ impl MeshFormat {
     /// Writes a file of this format.
     ///
     /// # Errors
-    /// If the file cannot be written; whatever stood there stays then.
+    /// If files of the format are read alone, or the file cannot be written; whatever stood there stays then.
     pub fn write(&self, path: &Path, mesh: &Mesh) -> Result<()> {
-        (self.write)(path, mesh)
+        let write = self.write.ok_or_else(|| {
+            Error::unsupported("meshes of this format are read alone")
+                .at(path)
+                .hint("give a name that ends in .ply or .obj")
+        });
+        write?(path, mesh)
     }
 }
 

@@ -186,7 +186,7 @@ impl LoadedScene {
         });
         let Some(format) = format else {
             return Err(Error::unsupported(format!("{} is no mesh by its name", entry.file.display()))
-                .hint("give a PLY or OBJ file"));
+                .hint("give a PLY, OBJ or glTF file"));
         };
         let mut triangles = format.triangles(&path, limits)?;
         if let Some(rows) = entry.transform {

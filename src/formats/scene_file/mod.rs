@@ -77,7 +77,7 @@ pub struct VolumeEntry {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeshEntry {
-    /// PLY or OBJ file of polygons, found from the folder of the scene, or a sequence such as `prop.####.ply`.
+    /// PLY, OBJ or glTF file of polygons, found from the folder of the scene, or a sequence such as `prop.####.ply`.
     pub file: PathBuf,
     /// Matrix from the space of the file to the world, row by row, for column vectors; without one that space is the
     /// world.

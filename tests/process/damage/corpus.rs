@@ -1,7 +1,9 @@
 //! Sound inputs of every kind, and the commands that read each.
 
 use super::mutate::Syntax;
+use crate::common::shapes::gltf;
 use crate::common::{images, stages};
+use base64::Engine;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -400,7 +402,8 @@ impl Corpus {
         });
 
         let nano = ["cube.nvdb", "kinds.nvdb"].map(|name| volume("NanoVDB", name, read(name), &NANO));
-        let meshes = ["plume.ply", "text.ply", "plume.obj"].map(|name| volume("mesh", name, read(name), &MESH));
+        let meshes = ["plume.ply", "text.ply", "plume.obj", "scene.glb", "scene.gltf"]
+            .map(|name| volume("mesh", name, read(name), &MESH));
         let zarr = zarr();
         let zarrs = zarr.keys().map(|damaged| Sample {
             name: format!("OME-Zarr {}", damaged.display()),
@@ -519,6 +522,11 @@ impl Maker {
                       element face 4\nproperty list uchar int vertex_indices\nend_header\n";
         let body = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
         self.write("text.ply", &format!("{header}{body}"));
+        let (scene, buffer) = gltf(None);
+        std::fs::write(self.folder.join("scene.glb"), scene).unwrap();
+        let data = base64::engine::general_purpose::STANDARD.encode(buffer);
+        let (scene, _) = gltf(Some(&format!("data:application/octet-stream;base64,{data}")));
+        std::fs::write(self.folder.join("scene.gltf"), scene).unwrap();
     }
 
     fn functions(&self) {

@@ -32,7 +32,7 @@ pub(super) struct Source {
 
 /// A mesh by its file or sequence.
 pub(super) struct MeshSource {
-    /// PLY or OBJ file, or pattern of a sequence.
+    /// PLY, OBJ or glTF file, or pattern of a sequence.
     pub file: PathBuf,
     /// Map from the file's space to the stage's.
     pub placement: Option<DMat4>,

@@ -24,7 +24,7 @@ pub(super) fn mesh(
     let files = numbered(&source.file, frames)?;
     let read = |(time, path): &(Option<u32>, PathBuf)| match registry::by_name(path).map(|format| format.kind) {
         Some(FileKind::Mesh(format)) => Ok((*time, format.read(path, limits)?)),
-        _ => Err(Error::unsupported("no mesh by its name").at(path).hint("give a PLY or OBJ file")),
+        _ => Err(Error::unsupported("no mesh by its name").at(path).hint("give a PLY, OBJ or glTF file")),
     };
     let frames = files.iter().map(read).collect::<Result<Vec<_>>>()?;
     let name = source.file.file_name().unwrap_or_default().to_string_lossy();
