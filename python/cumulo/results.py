@@ -522,8 +522,10 @@ class Merged(Report):
     output: pathlib.Path
     pictures: int
     """Pictures that were joined."""
-    replicates: str
-    """Numbers of the joined replicates, by the seed of their random numbers."""
+    replicates: str | None
+    """Numbers of the joined replicates, by the seed of their random numbers; null for deep pictures."""
+    samples: int | None
+    """Number of samples of a deep picture; null for flat ones."""
     seconds: float | None
 
 
