@@ -16,10 +16,10 @@ pub(crate) fn read(
     remedy: &'static str,
     limits: Limits,
 ) -> Result<([usize; 2], Vec<f32>)> {
-    found(path, layer, remedy, limits).map_err(|e| e.at(path))
+    of_layer(path, layer, remedy, limits).map_err(|e| e.at(path))
 }
 
-fn found(path: &Path, layer: Option<&str>, remedy: &'static str, limits: Limits) -> Result<([usize; 2], Vec<f32>)> {
+fn of_layer(path: &Path, layer: Option<&str>, remedy: &'static str, limits: Limits) -> Result<([usize; 2], Vec<f32>)> {
     let header = exr::header(path)?;
     let name = match layer {
         Some(name) => name.to_owned(),

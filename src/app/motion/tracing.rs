@@ -125,8 +125,8 @@ impl Tracing {
         (!is_scene).then(|| self.choices.density_scale.unwrap_or(self.capture.density_scale))
     }
 
-    /// Returns the motion of a frame in the plane that was chosen, and alpha. What was read for the frame before is used
-    /// again where this one shows it as well.
+    /// Returns the motion of a frame in the plane that was chosen, and alpha. What was read for the frame before is
+    /// used again where this one shows it as well.
     ///
     /// # Errors
     /// If the volume cannot be read, or the work is interrupted.

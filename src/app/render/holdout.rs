@@ -21,8 +21,8 @@ const NAME_ONE: &str = "name the layer that has the depths with ⟨holdout_layer
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct HoldoutSettings {
-    /// EXR with the depths of the objects that hide what is behind them, or a mesh of them in world space, PLY, OBJ or glTF;
-    /// or those of frames, such as depth.####.exr; none if nothing stands in the way.
+    /// EXR with the depths of the objects that hide what is behind them, or a mesh of them in world space, PLY, OBJ or
+    /// glTF; or those of frames, such as depth.####.exr; none if nothing stands in the way.
     #[serde(skip_serializing_if = "Option::is_none", with = "crate::app::paths")]
     pub holdout: Option<PathBuf>,
     /// Layer that has the depths; none for the only one that is plainly that.

@@ -81,7 +81,7 @@ impl MergeSettings {
 fn flat(path: &Path, first: &Path) -> Error {
     Error::unsupported(format!("this is no deep picture, and '{}' is one", first.display()))
         .at(path)
-        .hint("join deep pictures with deep ones; `cumulo convert DEEP.exr FLAT.exr --flatten` makes a flat one")
+        .hint("join deep pictures with deep ones; ⟨convert.flatten⟩ makes flat ones of them")
 }
 
 /// Returns a row of a window with the samples of all pictures, those of each pixel sorted by depth.

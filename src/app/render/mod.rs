@@ -345,8 +345,8 @@ impl RenderSettings {
         }
         if let Some(aov) = self.aov.iter().find(|aov| !self.compression.is_lossless() && !aov.survives_loss()) {
             return Err(Error::invalid(format!(
-                "⟨compression={}⟩: the plane {} needs all of its digits, and DWA takes channels named R, G, B and Y for \
-                 colors",
+                "⟨compression={}⟩: the plane {} needs all of its digits, and DWA takes channels named R, G, B and Y \
+                 for colors",
                 self.compression,
                 aov.name()
             ))

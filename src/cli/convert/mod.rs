@@ -26,8 +26,8 @@ use std::path::PathBuf;
 /// a flat one, or a .png, with --flatten. The report has the places of voxels.
 ///
 /// A grid of a VDB becomes a .ply or .obj: the surface on which it has the value of --iso, quads and triangles as
-/// OpenVDB makes them, which face outwards. A closed mesh, .ply, .obj, .glb or .gltf, becomes a level set with voxels of
-/// --voxel-size, or with --to fog a fog volume. Meshes with open edges are refused, because they have no inside.
+/// OpenVDB makes them, which face outwards. A closed mesh, .ply, .obj, .glb or .gltf, becomes a level set with voxels
+/// of --voxel-size, or with --to fog a fog volume. Meshes with open edges are refused, because they have no inside.
 ///
 /// Several VDBs before the last one are joined: their grids become those of one file, at the places that they have.
 /// Files whose metadata state different up axes, and grids of one name in two files, are refused.

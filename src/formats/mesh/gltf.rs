@@ -24,8 +24,8 @@ const REMEDY: &str = "export the mesh again where it was made";
 /// Reads the meshes of the default scene, else of the first one, as one mesh in the coordinates of the scene: +Y is up.
 ///
 /// # Errors
-/// If the file, or one of its buffers, cannot be read, contradicts the format, needs an extension that packs meshes, has
-/// a skin or is too large.
+/// If the file, or one of its buffers, cannot be read, contradicts the format, needs an extension that packs meshes,
+/// has a skin or is too large.
 pub(crate) fn read(path: &Path, limits: Limits) -> Result<Mesh> {
     let bytes = input::bytes(path, limits.max_memory / 2, "a glTF file")?;
     let Gltf { document, blob } = Gltf::from_slice(&bytes).map_err(|e| {

@@ -37,9 +37,8 @@ mod kinds {
     pub const RELOCATES: u8 = 58;
 }
 
-/// Checks a binary layer, of which each array and all paths together may take `most` bytes. Returns it as the crate reads
-/// it: empty arrays of text, which lie nowhere, lie at its end, since the crate looks for them at its beginning.
-///
+/// Checks a binary layer, of which each array and all paths together may take `most` bytes. Returns it as the crate
+/// reads it: empty arrays of text, which lie nowhere, lie at its end, since the crate looks for them at its beginning.
 /// # Errors
 /// If a count, a jump or a place in the file cannot be true, or an array is too large. The error names the place.
 pub(super) fn checked(bytes: Vec<u8>, most: u64) -> Result<Vec<u8>> {

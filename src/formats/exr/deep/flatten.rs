@@ -28,8 +28,8 @@ pub(crate) struct Flattened {
 }
 
 /// Reads a deep picture and composites the samples of each pixel, once they are sorted and split where they overlap, as
-/// far as they are seen where something holds them out. Rows are read as they are needed: the film (20 bytes per pixel of the display window) and the chunks being unpacked
-/// must fit into `limits`.
+/// far as they are seen where something holds them out. Rows are read as they are needed: the film (20 bytes per pixel
+/// of the display window) and the chunks being unpacked must fit into `limits`.
 ///
 /// # Errors
 /// If the file is no deep OpenEXR picture, is damaged, has no channel Z or A, has samples whose depth is NaN, or takes
