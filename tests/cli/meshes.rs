@@ -518,8 +518,8 @@ fn scenes_in_gltf_that_cannot_be_read_are_refused() {
     refused("kind.glb", &changed("\"componentType\":5121", "\"componentType\":5126"), Code::Unsupported, &["integers"]);
     refused("circle.glb", &changed("\"children\":[1]", "\"children\":[0]"), Code::Invalid, &["node"]);
     let text = |uri: &str| gltf(Some(uri)).0;
-    std::fs::write(work.path("a.gltf"), text("none.bin")).unwrap();
-    work.refused("convert a.gltf no.vdb --voxel-size 0.1", Code::NotFound, &["none.bin"]);
+    refused("a.gltf", &text("none.bin"), Code::NotFound, &["none.bin"]);
+    refused("d.gltf", &text("../a.gltf"), Code::NotFound, &["../a.gltf"]);
     refused("b.gltf", &text("https://example.org/a.bin"), Code::Unsupported, &["https", ".glb"]);
     refused("c.gltf", &text("data:text/plain;base64,###"), Code::Invalid, &["base64"]);
     work.refused("convert @cube.vdb no.glb --iso 0.5", Code::Unsupported, &["no.glb"]);

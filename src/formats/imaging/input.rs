@@ -1,7 +1,7 @@
 //! Files with values: opened at a place, unpacked, and measured before anything is read.
 
 use super::text::excerpt;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::input;
 use flate2::bufread::GzDecoder;
 use flate2::{Decompress, FlushDecompress, Status};
@@ -197,6 +197,20 @@ pub(crate) fn companion(header: &Path, name: &str) -> Result<PathBuf> {
         ))
         .hint("move the file beside the header, and write its name without a folder into the header")
     })
+}
+
+/// Path of a file that a header names, as [`companion`] returns it, which is there.
+///
+/// # Errors
+/// The conditions are those of [`companion`]; also if there is no such file.
+pub(crate) fn present(header: &Path, name: &str) -> Result<PathBuf> {
+    let path = companion(header, name)?;
+    if path.exists() {
+        return Ok(path);
+    }
+    Err(Error::invalid(format!("the header names the file '{}', which is not there", excerpt(name)))
+        .coded(Code::NotFound)
+        .hint("put the file beside the header, or correct its name in the header"))
 }
 
 /// Path of what a file's content names below a folder; none if the name leads out of it. An absolute path that begins

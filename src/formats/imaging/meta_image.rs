@@ -137,7 +137,7 @@ fn files(fields: &Fields, path: &Path, length: u64, rest: &[String], slices: usi
         }
         _ => vec![name.to_owned()],
     };
-    Ok((names.iter().map(|name| input::companion(path, name)).collect::<Result<_>>()?, 0))
+    Ok((names.iter().map(|name| input::present(path, name)).collect::<Result<_>>()?, 0))
 }
 
 /// Opens a header with its values.

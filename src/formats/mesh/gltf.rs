@@ -3,9 +3,11 @@
 
 use super::Mesh;
 use super::builder::Builder;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
+use crate::formats::imaging::input::below;
 use crate::formats::input;
 use crate::formats::limits::Limits;
+use crate::text::printable;
 use ::gltf::accessor::{DataType, Dimensions};
 use ::gltf::buffer::Source;
 use ::gltf::mesh::Mode;
@@ -66,7 +68,12 @@ fn external(uri: &str, folder: &Path, most: u64) -> Result<Vec<u8>> {
             .hint("export the mesh as one file, .glb"));
     }
     let name = percent_decode_str(uri).decode_utf8_lossy();
-    input::bytes(&folder.join(name.as_ref()), most, "a buffer of a glTF file")
+    let place = below(folder, &name).filter(|place| place.exists()).ok_or_else(|| {
+        Error::invalid(format!("its buffer '{}' does not lie beside it", printable(&name)))
+            .coded(Code::NotFound)
+            .hint("put the buffer into the file's folder, or export the mesh as one file, .glb")
+    })?;
+    input::bytes(&place, most, "a buffer of a glTF file")
 }
 
 /// A mesh in the course of its reading.

@@ -157,7 +157,7 @@ fn data_files(text: &str, path: &Path, rest: &[String]) -> Result<Vec<PathBuf>> 
         }
         _ => vec![text.to_owned()],
     };
-    names.iter().map(|name| input::companion(path, name)).collect()
+    names.iter().map(|name| input::present(path, name)).collect()
 }
 
 /// Slices of several files, each opened when it is its turn.
