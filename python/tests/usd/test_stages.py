@@ -181,7 +181,7 @@ def test_empty_arrays_of_text_are_read(cumulo, fixtures, tmp_path, suffix):
     names.Set([])
     files = prim.CreateAttribute("files", Sdf.ValueTypeNames.AssetArray)
     files.Set(Sdf.AssetPathArray([]), 1)
-    files.Set(Sdf.AssetPathArray([Sdf.AssetPath("./a.vdb")]), 2)
+    files.Set(Sdf.AssetPathArray([Sdf.AssetPath(str(fixtures / "cube.vdb"))]), 2)
     prim.CreateAttribute("tokens", Sdf.ValueTypeNames.TokenArray).Set([])
     prim.CreateAttribute("numbers", Sdf.ValueTypeNames.FloatArray).Set([])
     prim.CreateAttribute("one", Sdf.ValueTypeNames.StringArray).Set(["a", "b"])
