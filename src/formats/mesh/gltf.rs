@@ -139,8 +139,11 @@ impl Reader<'_> {
             Mode::Triangles => corners.len() / 3,
             _ => corners.len().saturating_sub(2),
         };
+        // A mirrored node shows the other side of its triangles.
+        let mirrored = map.determinant() < 0.0;
         for i in 0..number {
-            self.builder.polygon(&triangles(i).map(|at| first + corners[at]))?;
+            let [a, b, c] = triangles(i).map(|at| first + corners[at]);
+            self.builder.polygon(&if mirrored { [a, c, b] } else { [a, b, c] })?;
         }
         Ok(())
     }
