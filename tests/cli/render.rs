@@ -572,6 +572,11 @@ fn pictures_are_packed_with_loss_where_that_is_asked_for() {
     }
     let info = work.json("info dwa.exr");
     assert!(info.to_string().to_lowercase().contains("dwaa"), "{info}");
+    // What no half float holds is not made infinite.
+    let bright = "render @plume.vdb --views 1 --size 16x16 --model emission-absorption --emission 1e6,1,1";
+    work.json(&format!("{bright} --density-scale 5 --compression dwaa -o bright.exr"));
+    let bright = work.picture("bright.exr");
+    assert!(bright.rgba.iter().flatten().all(|v| v.is_finite()) && bright.rgba.iter().any(|rgba| rgba[0] > 65504.0));
     work.refused(&format!("{words} --compression zip:3 -o x.exr"), Code::Usage, &["zip:3", "dwaa:20"]);
     work.refused(&format!("{words} --compression dwaa:-1 -o x.exr"), Code::Usage, &["dwaa:-1"]);
     work.refused(&format!("{words} --compression dwaa --aov normal -o x.exr"), Code::Invalid, &["normal", "Y"]);

@@ -173,8 +173,8 @@ def test_files_over_time(cumulo, fixtures, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ("usda", "usdc", "usdz"))
-def test_empty_arrays_of_text_are_read(cumulo, fixtures, tmp_path, suffix):
-    """Binary files state no place for them, nor for those among time samples and in dictionaries."""
+def test_arrays_of_any_length_are_read(cumulo, fixtures, tmp_path, suffix):
+    """Binary files state no place for empty ones of text, and pack those of 64-bit integers in a way of their own."""
     stage = new_stage("Y", 1)
     prim = volume(stage, "/smoke", fixtures / "cube.vdb").GetPrim()
     names = prim.CreateAttribute("names", Sdf.ValueTypeNames.StringArray)
@@ -184,6 +184,11 @@ def test_empty_arrays_of_text_are_read(cumulo, fixtures, tmp_path, suffix):
     files.Set(Sdf.AssetPathArray([Sdf.AssetPath(str(fixtures / "cube.vdb"))]), 2)
     prim.CreateAttribute("tokens", Sdf.ValueTypeNames.TokenArray).Set([])
     prim.CreateAttribute("numbers", Sdf.ValueTypeNames.FloatArray).Set([])
+    large = Vt.Int64Array([2**33 * i * i - 7 for i in range(100)])
+    prim.CreateAttribute("large", Sdf.ValueTypeNames.Int64Array).Set(large)
+    if suffix != "usda":  # of text, the reader takes no arrays of uint64
+        over = prim.CreateAttribute("over", Sdf.ValueTypeNames.UInt64Array)
+        over.Set(Vt.UInt64Array([2**64 - 1 - 3**i for i in range(40)]), 1)
     prim.CreateAttribute("one", Sdf.ValueTypeNames.StringArray).Set(["a", "b"])
     prim.SetCustomDataByKey("none", Vt.StringArray())
     prim.SetCustomDataByKey("some", "text")

@@ -257,6 +257,7 @@ impl Source<'_> {
                             Value::Position(axis) => position[*axis],
                         };
                     }
+                    // Grids that are computed hold 32-bit floats.
                     let value = self.expression.value(&of) as f32;
                     if !value.is_finite() && is_on(&leaf, voxel) {
                         return Err((index, value, of));
@@ -287,7 +288,7 @@ impl Source<'_> {
     fn not_finite(&self, index: IVec3, value: f32, of: &[f64]) -> Error {
         let stated: Vec<String> =
             self.expression.names().iter().zip(of).map(|(name, v)| format!("{name} = {v}")).collect();
-        Error::invalid(format!("voxel {index} becomes {value}, where {}", stated.join(", ")))
+        Error::invalid(format!("voxel {index} becomes {value} as a 32-bit float, where {}", stated.join(", ")))
             .hint("give an expression that is finite there, as in ln(max(density, 1e-6))")
     }
 }

@@ -5,12 +5,12 @@ use crate::app::outputs;
 use crate::app::pictures::PictureSettings;
 use crate::app::pictures::SIZE;
 use crate::error::{Error, Result};
-use crate::formats::exr::{self, Attributes, Half, Placement, Storage};
+use crate::formats::exr::{self, Attributes, Half, Packing, Placement, Storage};
 use crate::formats::png::{self, ToneMapping};
 use crate::formats::registry::EXR;
 use crate::formats::transforms::FILE_NAME;
 use crate::scene::capture::Frame;
-use crate::scene::film::Film;
+use crate::scene::film::{Film, Plane};
 use std::path::{Path, PathBuf};
 
 /// Where pictures go.
@@ -79,6 +79,13 @@ impl PictureSettings {
     }
 }
 
+/// Values of a picture's colors, and of its planes that are named as colors are.
+fn all_colors(film: &Film) -> impl Iterator<Item = f32> + '_ {
+    let named = |plane: &&Plane| ["R", "G", "B"].contains(&plane.name.rsplit('.').next().unwrap_or_default());
+    let planes = film.planes.iter().filter(named).flat_map(|plane| plane.samples.iter().copied());
+    film.rgba.iter().flat_map(|rgba| rgba[..3].iter().copied()).chain(planes)
+}
+
 /// Largest number of 16 bits.
 const MOST_HALF: f32 = 65504.0;
 
@@ -117,7 +124,9 @@ impl RenderSettings {
         }
         let fits = || film.rgba.iter().flatten().all(|v| v.abs() <= MOST_HALF || !v.is_finite());
         let half = if self.half && fits() { Half::Colors } else { Half::None };
-        let storage = Storage { half, packing: self.compression };
+        // DWA makes half floats of what it takes for colors.
+        let packing = if all_colors(film).all(|v| v.abs() <= MOST_HALF) { self.compression } else { Packing::Zip };
+        let storage = Storage { half, packing };
         match (whole, self.pictures.crop) {
             (Some(display), Some(part)) => {
                 let origin = part.origin.map(|v| v as usize);

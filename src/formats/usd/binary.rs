@@ -43,7 +43,8 @@ mod kinds {
 /// If a count, a jump or a place in the file cannot be true, or an array is too large. The error names the place.
 pub(super) fn checked(bytes: Vec<u8>, most: u64) -> Result<Vec<u8>> {
     let version = [8, 9, 10].map(|at| bytes.get(at).copied().unwrap_or_default());
-    let mut file = Reader { bytes: &bytes, at: 16, version, most, works: HashMap::new(), empty: Vec::new() };
+    let mut file = Reader::new(&bytes, version, most);
+    file.at = 16;
     file.at = file.word()? as usize;
     let mut sections = Vec::new();
     for _ in 0..file.count(32)? {
@@ -85,17 +86,17 @@ pub(super) fn checked(bytes: Vec<u8>, most: u64) -> Result<Vec<u8>> {
             return Err(file.damaged());
         }
     }
-    let nested = std::mem::take(&mut file.empty);
-    if nested.is_empty() && !values.iter().any(|value| is_empty_text(*value)) {
+    let Reader { moved, nested, tail, .. } = file;
+    if moved.is_empty() {
         return Ok(bytes);
     }
-    let end = bytes.len() as u64;
-    let mut mended = [&bytes[..], &[0; 8]].concat();
+    let mut mended = [&bytes[..], &tail].concat();
     for at in nested {
-        let value = word(&std::array::from_fn(|i| mended[at + i])) | end;
+        let value = word(&std::array::from_fn(|i| bytes[at + i]));
+        let value = moved.get(&value).unwrap_or(&value);
         mended[at..at + 8].copy_from_slice(&value.to_le_bytes());
     }
-    values.iter_mut().filter(|value| is_empty_text(**value)).for_each(|value| *value |= end);
+    values.iter_mut().for_each(|value| *value = *moved.get(value).unwrap_or(value));
     let start = mended.len();
     let values: Vec<u8> = values.into_iter().flat_map(u64::to_le_bytes).collect();
     let block = [&[0][..], &lz4_flex::block::compress(&values)].concat();
@@ -142,11 +143,21 @@ struct Reader<'b> {
     most: u64,
     /// Numbers of values in those that were checked.
     works: HashMap<u64, u64>,
-    /// Places of values that are empty arrays of text.
-    empty: Vec<usize>,
+    /// Values that lie elsewhere in what the crate reads, by what the file states.
+    moved: HashMap<u64, u64>,
+    /// Places where such values are stated among others.
+    nested: Vec<usize>,
+    /// Bytes behind the file.
+    tail: Vec<u8>,
 }
 
 impl<'b> Reader<'b> {
+    fn new(bytes: &'b [u8], version: [u8; 3], most: u64) -> Self {
+        let (works, moved) = (HashMap::new(), HashMap::new());
+        // An empty array, wherever one is looked for.
+        Self { bytes, at: 0, version, most, works, moved, nested: Vec::new(), tail: vec![0; 8] }
+    }
+
     fn damaged(&self) -> Error {
         Error::invalid(format!("no valid USD: what is stated before byte {} cannot be", self.at))
             .hint("write the stage again where it was made")
@@ -238,7 +249,8 @@ impl<'b> Reader<'b> {
     fn decoded(&mut self, count: u64) -> Result<Vec<i32>> {
         let block = self.encoded(count)?;
         let bytes = self.decompressed(block, 8 + 5 * count)?;
-        decoded(&bytes, count as usize).ok_or_else(|| self.damaged())
+        let decoded = decoded(&bytes, count as usize, [4, 1, 2, 4]).ok_or_else(|| self.damaged())?;
+        Ok(decoded.into_iter().map(|v| v as i32).collect())
     }
 
     /// Walks the tree of paths: the first child of a path is the next one, and its sibling stands somewhere behind.
@@ -292,6 +304,9 @@ impl<'b> Reader<'b> {
         let (kind, place) = ((value >> 48) as u8, value & ((1 << 48) - 1));
         // The crate does not heed what other types say of it.
         let is_array = is_array && matches!(kind, ..kinds::DICTIONARY | 56 | kinds::EXPRESSION);
+        if is_empty_text(value) {
+            self.moved.insert(value, value | self.bytes.len() as u64);
+        }
         if is_array && place == 0 || is_inlined && !is_array && kind != kinds::PAYLOADS {
             return Ok(1);
         }
@@ -299,7 +314,12 @@ impl<'b> Reader<'b> {
         let mut work = 1;
         match (kind, is_array) {
             (kinds::STRING | kinds::ASSET | kinds::EXPRESSION, true) => self.list(4)?,
-            (_, true) | (kinds::DOUBLES, _) => self.array(kind, is_compressed)?,
+            (_, true) | (kinds::DOUBLES, _) => {
+                if let Some(place) = self.array(kind, is_compressed)? {
+                    let kind = value & !(1 << 61) & !((1 << 48) - 1);
+                    self.moved.insert(value, kind | place);
+                }
+            }
             (kinds::PATHS | kinds::TOKENS | kinds::STRINGS, _) => self.list(4)?,
             (kinds::VARIANTS | kinds::RELOCATES, _) => self.list(8)?,
             (kinds::OFFSETS, _) => self.list(16)?,
@@ -313,8 +333,8 @@ impl<'b> Reader<'b> {
         Ok(work)
     }
 
-    /// Checks an array of numbers or tokens.
-    fn array(&mut self, kind: u8, is_compressed: bool) -> Result<()> {
+    /// Checks an array of numbers or tokens. Returns the place of one of 64-bit integers that was unpacked.
+    fn array(&mut self, kind: u8, is_compressed: bool) -> Result<Option<u64>> {
         if self.version < [0, 5, 0] {
             self.skip(4)?;
         }
@@ -342,10 +362,10 @@ impl<'b> Reader<'b> {
                 (each * (2 + u64::from(kind - 19) / 4), None)
             }
             // The crate reads no arrays of others.
-            _ => return Ok(()),
+            _ => return Ok(None),
         };
         if !is_compressed || count < LEAST_COMPRESSED || since.is_none_or(|since| self.version < since) {
-            return self.fitting(count, size).map(drop);
+            return self.fitting(count, size).map(|_| None);
         }
         if since == Some([0, 6, 0]) {
             match self.take()? {
@@ -358,8 +378,20 @@ impl<'b> Reader<'b> {
                 _ => return Err(self.damaged()),
             }
         }
-        self.affordable(count.saturating_mul(size))?;
-        self.encoded(count).map(drop)
+        let unpacked = count.saturating_mul(size);
+        self.affordable(unpacked)?;
+        let block = self.encoded(count)?;
+        if !matches!(kind, 5 | 6) {
+            return Ok(None);
+        }
+        self.affordable(unpacked.saturating_add(self.tail.len() as u64))?;
+        let bytes = self.decompressed(block, 16 + 9 * count)?;
+        let integers = decoded(&bytes, count as usize, [8, 2, 4, 8]).ok_or_else(|| self.damaged())?;
+        let place = (self.bytes.len() + self.tail.len()) as u64;
+        let length = if self.version < [0, 7, 0] { 4 } else { 8 };
+        self.tail.extend(&count.to_le_bytes()[..length]);
+        self.tail.extend(integers.into_iter().flat_map(i64::to_le_bytes));
+        Ok(Some(place))
     }
 
     /// Checks a dictionary, and returns the number of values in it.
@@ -377,10 +409,10 @@ impl<'b> Reader<'b> {
     fn aside(&mut self, nested: u32) -> Result<u64> {
         let value = self.word()?;
         let here = self.at;
-        if is_empty_text(value) {
-            self.empty.push(here - 8);
-        }
         let work = self.value(value, nested + 1)?;
+        if self.moved.contains_key(&value) {
+            self.nested.push(here - 8);
+        }
         self.at = here;
         Ok(work)
     }
@@ -420,29 +452,29 @@ impl<'b> Reader<'b> {
 }
 
 /// Returns integers from the differences that a file holds: the most frequent one, two bits for the length of each, and
-/// all others. Returns `None` if there are too few.
-fn decoded(bytes: &[u8], count: usize) -> Option<Vec<i32>> {
-    let (frequent, rest) = bytes.split_first_chunk::<4>()?;
-    let (lengths, mut rest) = rest.split_at_checked(count.div_ceil(4))?;
+/// all others. `lengths` are the bytes of the most frequent one and of the others by their bits. Returns `None` if there
+/// are too few.
+fn decoded(bytes: &[u8], count: usize, lengths: [usize; 4]) -> Option<Vec<i64>> {
+    let (frequent, rest) = bytes.split_at_checked(lengths[0])?;
+    let (codes, mut rest) = rest.split_at_checked(count.div_ceil(4))?;
     let mut integers = Vec::with_capacity(count);
-    let mut sum = 0_i32;
+    let mut sum = 0_i64;
     for number in 0..count {
-        let difference = match lengths[number / 4] >> (2 * (number % 4)) & 3 {
-            0 => i32::from_le_bytes(*frequent),
-            1 => i8::from_le_bytes(*next(&mut rest)?).into(),
-            2 => i16::from_le_bytes(*next(&mut rest)?).into(),
-            _ => i32::from_le_bytes(*next(&mut rest)?),
+        let difference = match codes[number / 4] >> (2 * (number % 4)) & 3 {
+            0 => frequent,
+            code => {
+                let (own, behind) = rest.split_at_checked(lengths[usize::from(code)])?;
+                rest = behind;
+                own
+            }
         };
-        sum = sum.wrapping_add(difference);
+        // The last byte has the sign.
+        let (last, others) = difference.split_last()?;
+        let high = i64::from(*last as i8);
+        sum = sum.wrapping_add(others.iter().rev().fold(high, |v, byte| v << 8 | i64::from(*byte)));
         integers.push(sum);
     }
     Some(integers)
-}
-
-fn next<'b, const N: usize>(rest: &mut &'b [u8]) -> Option<&'b [u8; N]> {
-    let (first, behind) = rest.split_first_chunk()?;
-    *rest = behind;
-    Some(first)
 }
 
 #[cfg(test)]
@@ -488,8 +520,9 @@ def Mesh "mesh" (
 
     #[test]
     fn sound_layers_pass() {
-        let sound = layer();
-        assert_eq!(checked(sound.clone(), MOST).unwrap(), sound);
+        let data = usdc::CrateData::open(Cursor::new(checked(layer(), MOST).unwrap()), true).unwrap();
+        let large = data.try_field(&"/mesh/child/inner.large".try_into().unwrap(), "default").unwrap();
+        assert!(format!("{large:?}").contains("10000000000"), "{large:?}");
     }
 
     /// Reads all that a layer holds by the crate. Whether it is damaged is not asked.
@@ -542,8 +575,7 @@ def Mesh "mesh" (
             bytes.extend([0; 48]);
         };
         let work = |bytes: &[u8]| {
-            let mut file =
-                Reader { bytes, at: 0, version: [0, 8, 0], most: MOST, works: HashMap::new(), empty: Vec::new() };
+            let mut file = Reader::new(bytes, [0, 8, 0], MOST);
             file.value(u64::from(kinds::DICTIONARY) << 48, 0)
         };
         nest(10, &mut bytes);
@@ -569,7 +601,8 @@ def Mesh "mesh" (
                 plain.extend((value - before).to_le_bytes());
                 before = *value;
             }
-            assert_eq!(decoded(&plain, values.len()).unwrap(), values);
+            let wide: Vec<i64> = values.iter().map(|v| i64::from(*v)).collect();
+            assert_eq!(decoded(&plain, values.len(), [4, 1, 2, 4]).unwrap(), wide);
             let block = [&[0][..], &lz4_flex::block::compress(&plain)].concat();
             [&(block.len() as u64).to_le_bytes()[..], &block].concat()
         };
@@ -579,14 +612,7 @@ def Mesh "mesh" (
             let tokens = vec![0; jumps.len()];
             let words = [count.to_le_bytes(), count.to_le_bytes()].concat();
             let bytes = [words, encoded(&numbers), encoded(&tokens), encoded(jumps)].concat();
-            let mut file = Reader {
-                bytes: &bytes,
-                at: 0,
-                version: [0, 8, 0],
-                most: MOST,
-                works: HashMap::new(),
-                empty: Vec::new(),
-            };
+            let mut file = Reader::new(&bytes, [0, 8, 0], MOST);
             file.paths(&[3])
         };
         // A root with two children, the first of which has a child.
