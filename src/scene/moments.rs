@@ -259,7 +259,7 @@ mod tests {
     #[test]
     fn gusts_beyond_memory_are_refused() {
         let field = bump(DVec3::splat(11.0));
-        for speed in [1e9, 1e12, 1e30] {
+        for speed in [1e10, 1e12, 1e30] {
             let wind = wind(Vec3::new(speed, -speed, speed));
             for time in [1.0, -1.0] {
                 assert!(field.advected(&wind, time, 1 << 28).is_err(), "{speed} {time}");

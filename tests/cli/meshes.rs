@@ -522,5 +522,5 @@ fn scenes_in_gltf_that_cannot_be_read_are_refused() {
     refused("d.gltf", &text("../a.gltf"), Code::NotFound, &["../a.gltf"]);
     refused("b.gltf", &text("https://example.org/a.bin"), Code::Unsupported, &["https", ".glb"]);
     refused("c.gltf", &text("data:text/plain;base64,###"), Code::Invalid, &["base64"]);
-    work.refused("convert @cube.vdb no.glb --iso 0.5", Code::Unsupported, &["no.glb"]);
+    work.refused("convert @cube.vdb no.glb", Code::OutputName, &["no.glb"]);
 }
