@@ -32,8 +32,8 @@ struct RenderArgs {
     #[arg(long)]
     half: bool,
     /// How EXRs are packed: zip without loss, or dwaa or dwab, which lose digits of colors by a level of 45 unless
-    /// another is given, as in dwaa:20; alpha and planes that are no colors keep theirs. A color
-    /// beyond 65504 leaves all without loss
+    /// another is given, as in dwaa:20; alpha and planes that are no colors keep theirs. A color beyond 65504 leaves
+    /// all without loss. Not with --denoise
     #[arg(long, value_name = "zip|dwaa|dwab", default_value_t)]
     compression: Packing,
     /// Exposure of PNGs in stops (default: 0)

@@ -6,7 +6,7 @@ use crate::formats::limits::Limits;
 use crate::formats::protected;
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 
 /// Advice on text that is not valid JSON.
 pub(crate) const JSON_REMEDY: &str =
@@ -110,6 +110,23 @@ fn json_memory(text: &[u8]) -> u64 {
         _ => 2,
     };
     text.iter().map(cost).sum()
+}
+
+/// Path of what a file's content names below a folder; none if the name leads out of it. An absolute path that begins
+/// with the folder stays in it.
+pub(crate) fn below(folder: &Path, name: &str) -> Option<PathBuf> {
+    // No file of the system has such a name.
+    if name.contains('\0') {
+        return None;
+    }
+    let plain = |path: &Path| path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    let name = Path::new(name);
+    if plain(name) {
+        return Some(folder.join(name));
+    }
+    let whole = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let inside = name.strip_prefix(std::path::absolute(whole).ok()?).ok()?;
+    plain(inside).then(|| folder.join(inside))
 }
 
 #[cfg(test)]

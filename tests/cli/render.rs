@@ -580,6 +580,7 @@ fn pictures_are_packed_with_loss_where_that_is_asked_for() {
     work.refused(&format!("{words} --compression zip:3 -o x.exr"), Code::Usage, &["zip:3", "dwaa:20"]);
     work.refused(&format!("{words} --compression dwaa:-1 -o x.exr"), Code::Usage, &["dwaa:-1"]);
     work.refused(&format!("{words} --compression dwaa --aov normal -o x.exr"), Code::Invalid, &["normal", "Y"]);
+    work.refused(&format!("{words} --compression dwaa --denoise -o x.exr"), Code::Invalid, &["--compression"]);
     work.refused(&format!("{words} --compression dwaa --deep 0.1 -o x.exr"), Code::Usage, &["--compression"]);
     work.refused(
         &format!("{words} --compression dwaa --replicates 2-3 -o x.exr"),

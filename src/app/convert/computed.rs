@@ -102,7 +102,7 @@ impl Computed {
     }
 
     /// Computes the grid: its voxels are those of all grids that the expression names, and its metadata those of the
-    /// grid of its name, if the file has one. `room` refuses bytes that are not to be had beside those grids.
+    /// grid of its name, if that is among them. `room` refuses bytes that are not to be had beside those grids.
     ///
     /// # Errors
     /// If the grids lie on different lattices, hold points, or vectors whose component is not named; if a value is not
@@ -114,20 +114,15 @@ impl Computed {
         let infos = grids.iter().map(NativeGrid::info).collect::<Result<Vec<_>>>()?;
         let lattice = self.check(&infos, &values)?;
         let leaves = voxels(&grids, room)?;
-        room(leaves.len() as u64 * size_of::<Leaf>() as u64)?;
+        room(leaves.len() as u64 * LEAF_BYTES)?;
         let source = Source { infos: &infos, values: &values, expression: &self.expression, lattice };
         let outside = source.outside().map_err(|e| self.named(e))?;
         let leaves = source.leaves(&grids, leaves, outside).map_err(|e| self.named(e))?;
         let active = || leaves.iter().flat_map(|leaf| leaf.values.iter().enumerate().filter(|(i, _)| is_on(leaf, *i)));
         let is_fog = outside == 0.0 && active().all(|(_, v)| *v >= 0.0);
         let class = if is_fog { GridClass::FogVolume } else { GridClass::Unknown };
-        let mut metadata = match file.find(&self.name) {
-            Ok(entry) => match names.iter().position(|name| *name == entry.name) {
-                Some(place) => grids[place].metadata()?,
-                None => BTreeMap::new(),
-            },
-            Err(_) => BTreeMap::new(),
-        };
+        let own = file.find(&self.name).ok().and_then(|entry| names.iter().position(|name| *name == entry.name));
+        let mut metadata = own.map_or_else(|| Ok(BTreeMap::new()), |place| grids[place].metadata())?;
         metadata.retain(|name, _| !OWN.contains(&name.as_str()));
         let (name, tiles) = (self.name.clone(), Vec::new());
         let grid = Grid { name, class, transform: lattice, background: outside as f32, leaves, tiles, metadata };
@@ -181,7 +176,7 @@ fn voxels(grids: &[NativeGrid], room: &dyn Fn(u64) -> Result<()>) -> Result<Vec<
         for tile in grid.tiles()? {
             let along = (tile.dim / LEAF_DIM).max(1);
             of_tiles += (along as u64).pow(3);
-            room(of_tiles * size_of::<Leaf>() as u64)?;
+            room(of_tiles * LEAF_BYTES)?;
             for i in 0..along.pow(3) {
                 let at = [i / along / along, i / along % along, i % along];
                 let origin = std::array::from_fn(|a| tile.origin[a] + LEAF_DIM * at[a]);
@@ -191,6 +186,9 @@ fn voxels(grids: &[NativeGrid], room: &dyn Fn(u64) -> Result<()>) -> Result<Vec<
     }
     Ok(blocks.into_iter().collect())
 }
+
+/// Bytes of a leaf of the grid, once as it is computed and once as OpenVDB has it.
+const LEAF_BYTES: u64 = 2 * size_of::<Leaf>() as u64;
 
 /// Leaves that are read before their voxels are computed by all threads.
 const BATCH: usize = 512;

@@ -57,6 +57,7 @@ impl ConvertSettings {
                 HeldOut::Depths(size, depths)
             }
         };
+        held.defined().map_err(|e| e.at(path))?;
         Ok(Some(held))
     }
 

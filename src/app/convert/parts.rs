@@ -1,7 +1,7 @@
 //! Grids of one file or of several, which become those of one: which of them, under which names, with which metadata.
 
-use super::ConvertSettings;
 use super::sources::{self, GridSource};
+use super::{ConvertSettings, Edits};
 use crate::app::provenance::RESUMABLE;
 use crate::error::{Code, Error, Result};
 use crate::formats::vdb::File;
@@ -72,7 +72,8 @@ impl ConvertSettings {
             part.renames.insert(name, new.clone());
         }
         for part in &mut parts {
-            part.sources = sources::sources(&self.edits, part.file, &part.names)?;
+            let Edits { split, merge, eval, .. } = &self.edits;
+            part.sources = sources::sources((split, merge, eval), part.file, &part.names)?;
         }
         Ok(parts)
     }

@@ -1,7 +1,6 @@
 //! Where the grids of a conversion come from: grids of the file as they are, taken apart, or put together.
 
 use super::computed::Computed;
-use super::edits::Edits;
 use crate::error::{Error, Result};
 use crate::formats::vdb::{File, NativeGrid};
 use crate::scene::grid::GridClass;
@@ -60,8 +59,11 @@ pub(super) enum GridSource {
 /// # Errors
 /// If a grid to be split or merged is not in the file, not among the chosen, or asked for twice, or a computed one is
 /// made of grids that are not in the file.
-pub(super) fn sources(edits: &Edits, file: &File, chosen: &[String]) -> Result<Vec<GridSource>> {
-    let Edits { split, merge, eval, .. } = edits;
+pub(super) fn sources(
+    (split, merge, eval): (&[String], &[Merge], &[Computed]),
+    file: &File,
+    chosen: &[String],
+) -> Result<Vec<GridSource>> {
     let find = |option: &str, name: &str| {
         let name = file.find(name)?.name.clone();
         if chosen.contains(&name) {

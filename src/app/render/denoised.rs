@@ -178,6 +178,12 @@ impl RenderSettings {
                 "leave out ⟨time⟩, ⟨replicates⟩ and ⟨confidence⟩, or denoise the pictures with `cumulo denoise`",
             ));
         }
+        if !self.compression.is_lossless() {
+            return Err(Error::invalid(
+                "⟨compression⟩: halves and motions that are denoised by need all of their digits",
+            )
+            .hint("leave it out: denoised pictures are written without loss"));
+        }
         if self.pictures.scattering.samples == Some(1) {
             return Err(Error::invalid("⟨denoise⟩: ⟨samples=1⟩ has no two halves").hint("give ⟨samples=2⟩ or more"));
         }

@@ -27,10 +27,10 @@ struct EditArgs {
     /// Make a grid of vectors of three grids of scalars, which are left out (repeatable)
     #[arg(long, value_name = "NAME=X,Y,Z")]
     merge: Vec<Merge>,
-    /// Compute a grid of 32-bit floats voxel by voxel of those of the file (repeatable), as in --eval 'density=max(density-0.1,0)*2';
-    /// vectors have components such as velocity.x, other names stand in braces, and x, y and z are the position in
-    /// world units. Operators: + - * / ^, comparisons, && || !; functions: min max clamp mix smoothstep if abs floor
-    /// ceil round sqrt exp ln log2 log10 pow sin cos tan asin acos atan atan2, and pi
+    /// Compute a grid of 32-bit floats voxel by voxel of those of the file (repeatable), as in --eval
+    /// 'density=max(density-0.1,0)*2'; vectors have components such as velocity.x, other names stand in braces, and x,
+    /// y and z are the position in world units. Operators: + - * / ^, comparisons, && || !; functions: min max clamp
+    /// mix smoothstep if abs floor ceil round sqrt exp ln log2 log10 pow sin cos tan asin acos atan atan2, and pi
     #[arg(long, value_name = "NAME=EXPRESSION")]
     eval: Vec<Computed>,
     /// Give density, temperature, flame, color and velocity the names that a program expects; others keep theirs

@@ -2,11 +2,11 @@
 
 use super::text::excerpt;
 use crate::error::{Code, Error, Result};
-use crate::formats::input;
+use crate::formats::input::{self, below};
 use flate2::bufread::GzDecoder;
 use flate2::{Decompress, FlushDecompress, Status};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 /// Bytes that are read at a time.
 const BUFFER: usize = 1 << 17;
@@ -211,23 +211,6 @@ pub(crate) fn present(header: &Path, name: &str) -> Result<PathBuf> {
     Err(Error::invalid(format!("the header names the file '{}', which is not there", excerpt(name)))
         .coded(Code::NotFound)
         .hint("put the file beside the header, or correct its name in the header"))
-}
-
-/// Path of what a file's content names below a folder; none if the name leads out of it. An absolute path that begins
-/// with the folder stays in it.
-pub(crate) fn below(folder: &Path, name: &str) -> Option<PathBuf> {
-    // No file of the system has such a name.
-    if name.contains('\0') {
-        return None;
-    }
-    let plain = |path: &Path| path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-    let name = Path::new(name);
-    if plain(name) {
-        return Some(folder.join(name));
-    }
-    let whole = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    let inside = name.strip_prefix(std::path::absolute(whole).ok()?).ok()?;
-    plain(inside).then(|| folder.join(inside))
 }
 
 /// Lists the files that a pattern of one number stands for, such as `slice_%03d.raw`, from `first` to `last` by `step`.

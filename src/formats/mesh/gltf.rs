@@ -4,7 +4,6 @@
 use super::Mesh;
 use super::builder::Builder;
 use crate::error::{Code, Error, Result};
-use crate::formats::imaging::input::below;
 use crate::formats::input;
 use crate::formats::limits::Limits;
 use crate::text::printable;
@@ -68,7 +67,7 @@ fn external(uri: &str, folder: &Path, most: u64) -> Result<Vec<u8>> {
             .hint("export the mesh as one file, .glb"));
     }
     let name = percent_decode_str(uri).decode_utf8_lossy();
-    let place = below(folder, &name).filter(|place| place.exists()).ok_or_else(|| {
+    let place = input::below(folder, &name).filter(|place| place.exists()).ok_or_else(|| {
         Error::invalid(format!("its buffer '{}' does not lie beside it", printable(&name)))
             .coded(Code::NotFound)
             .hint("put the buffer into the file's folder, or export the mesh as one file, .glb")
@@ -89,7 +88,9 @@ impl Reader<'_> {
         self.nodes += 1;
         // A node has one parent: none is met twice.
         if depth > MOST_DEPTH || self.nodes > 1 << 20 {
-            return Err(inside(Error::invalid("nodes lie within each other without end, or too deep").hint(REMEDY)));
+            return Err(inside(
+                Error::invalid("nodes lie within each other without end, or there are too many").hint(REMEDY),
+            ));
         }
         let map = above * Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
         if let Some(mesh) = node.mesh() {

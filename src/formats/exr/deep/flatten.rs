@@ -33,7 +33,7 @@ pub(crate) struct Flattened {
 ///
 /// # Errors
 /// If the file is no deep OpenEXR picture, is damaged, has no channel Z or A, has samples whose depth is NaN, or takes
-/// more memory than allowed; or if what holds it out is of another size, or has a depth of NaN.
+/// more memory than allowed; or if what holds it out is of another size.
 pub(crate) fn flattened(path: &Path, held: Option<&HeldOut>, limits: Limits) -> Result<Flattened> {
     let _reading = Reading::begin(path);
     let mut source = open(path, limits)?;
@@ -81,16 +81,16 @@ fn composited(line: &DeepLine, held: Option<&(HeldRow<'_>, i64)>) -> Option<Vec<
     let one = |(column, samples): (usize, &&[_])| {
         let tidy = TidyPixel::new(samples);
         let rgba = match held {
-            Some((row, from)) => tidy.rgba_held_out(&row.pixel(from + column as i64)?),
+            Some((row, from)) => tidy.rgba_held_out(&row.pixel(from + column as i64)),
             None => tidy.rgba(),
         };
         let seen = held.is_none() || rgba != [0.0; 4];
-        Some((rgba.map(|v| v as f32), tidy.depth().filter(|_| seen).map(|z| z as f32)))
+        (rgba.map(|v| v as f32), tidy.depth().filter(|_| seen).map(|z| z as f32))
     };
-    pixels.par_iter().enumerate().with_min_len(64).map(one).collect()
+    Some(pixels.par_iter().enumerate().with_min_len(64).map(one).collect())
 }
 
-fn undefined(row: usize) -> Error {
+pub(super) fn undefined(row: usize) -> Error {
     Error::invalid(format!("a sample in row {row} has the depth NaN, by which it lies nowhere"))
         .hint("render it again; cumulo validate counts such samples")
 }

@@ -4,7 +4,7 @@ use super::{DeepPicture, DeepSample, TidyPixel};
 use crate::error::{Error, Result};
 use crate::formats::exr::Window;
 
-/// What stands before and within a deep picture of the same size.
+/// Holdout of a deep picture of the same size.
 #[derive(Debug)]
 pub(crate) enum HeldOut {
     /// Samples of another deep picture.
@@ -14,6 +14,21 @@ pub(crate) enum HeldOut {
 }
 
 impl HeldOut {
+    /// Refuses depths that are not numbers.
+    ///
+    /// # Errors
+    /// If there are such depths; the error tells the row of the first.
+    pub(crate) fn defined(&self) -> Result<()> {
+        let row = match self {
+            Self::Deep(deep) => {
+                let unknown = |sample: &DeepSample| sample.z.is_nan() || sample.z_back.is_nan();
+                deep.lines.iter().position(|line| line.samples.iter().any(unknown))
+            }
+            Self::Depths([width, _], depths) => depths.iter().position(|z| z.is_nan()).map(|place| place / width),
+        };
+        row.map_or(Ok(()), |row| Err(super::flatten::undefined(row)))
+    }
+
     /// Refuses what is of another size than the display window of the picture.
     pub(super) fn check(&self, display: Window) -> Result<()> {
         let size = match self {
@@ -45,7 +60,7 @@ impl HeldOut {
     }
 }
 
-/// What stands in a row.
+/// Row of a holdout.
 pub(super) enum HeldRow<'h> {
     /// Column of the first pixel, and the samples of all.
     Deep(i64, Vec<&'h [DeepSample]>),
@@ -53,17 +68,16 @@ pub(super) enum HeldRow<'h> {
 }
 
 impl HeldRow<'_> {
-    /// Returns what stands in a pixel by its column in the display window; `None` if a depth is not a number.
-    pub(super) fn pixel(&self, x: i64) -> Option<TidyPixel> {
+    /// Returns the holdout of a pixel by its column in the display window. All depths are numbers.
+    pub(super) fn pixel(&self, x: i64) -> TidyPixel {
         match self {
             Self::Deep(from, pixels) => {
                 let samples = usize::try_from(x - from).ok().and_then(|x| pixels.get(x)).copied().unwrap_or_default();
-                let is_known = samples.iter().all(|sample| !sample.z.is_nan() && !sample.z_back.is_nan());
-                is_known.then(|| TidyPixel::new(samples))
+                TidyPixel::new(samples)
             }
             Self::Depths(depths) => {
                 let z = usize::try_from(x).ok().and_then(|x| depths.get(x)).copied().unwrap_or(f32::INFINITY);
-                (!z.is_nan()).then(|| TidyPixel::new(&[DeepSample { z, z_back: z, rgba: [0.0, 0.0, 0.0, 1.0] }]))
+                TidyPixel::new(&[DeepSample { z, z_back: z, rgba: [0.0, 0.0, 0.0, 1.0] }])
             }
         }
     }
