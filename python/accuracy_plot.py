@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Error against time: pictures through a transfer function beside VTK, paths beside Mitsuba 3 and Cycles, denoised and not.
 
-    accuracy_plot.py PEERS_ENV [--rounds 5] [--plot]
+    accuracy_plot.py PEERS_ENV [--rounds 5] [--panel 'transfer function'|paths] [--plot]
 
-Writes `tests/benches/error-against-time.json` and `.svg`, which the README shows; `--plot` draws what the JSON has. Errors are
+Writes `tests/benches/error-against-time.json` and `.svg`, which the README shows; `--panel` measures one of the panels and
+keeps the other, `--plot` draws what the JSON has. Errors are
 root mean squares over the picture, divided by the picture's own. Times are processor time of all threads, medians of
 runs in turn, without start, reading, tables and writing, which are left out as the docstrings below say.
 
@@ -36,7 +37,7 @@ THREADS = 2
 HEAD, FUNCTION, PIXELS, ANGLE, TURN, STRIDE = "head", "bone", 512, 30.0, 0.3, 8
 KNOTS, OPACITIES = [0, 0.15, 0.25, 0.45, 0.55, 1], [0, 0, 0.03, 0.03, 0.53, 0.53]
 STEPS = [4, 2, 1, 0.5]
-RULES = ["midpoint:4", "midpoint:2", "midpoint:1", "midpoint:0.5", "preintegrated:0.1", "preintegrated", "exact"]
+RULES = ["midpoint:4", "midpoint:2", "midpoint:1.4", "midpoint:1", "midpoint:0.7", "midpoint:0.5", "preintegrated:0.1", "preintegrated", "exact"]
 # Rays along each edge of a pixel, whose time beyond that of one ray counts.
 EDGE = 2
 # B8's plume in sun light; paths a pixel of pictures, of denoised sequences and of the reference.
@@ -200,22 +201,31 @@ def point(panel, program, setting, error, seconds):
     return row | {"seconds": float(f"{statistics.median(seconds):.4g}"), "runs": [round(s, 4) for s in seconds]}
 
 
-def measure(environment, rounds):
-    """All points, with the machine."""
+def measure(environment, rounds, panel):
+    """All points of a panel, and when and on which machine they were taken."""
     OUT.mkdir(parents=True, exist_ok=True)
     before, order = os.getloadavg()[0], random.Random(1)
-    head, paths, denoised = Head(environment), Paths(environment, rounds), Denoised()
+    paths = Paths(environment, rounds) if panel == "paths" else None
+    timed = Denoised() if paths else Head(environment)
     for number in range(rounds):
-        tasks = head.tasks() + denoised.tasks()
-        bench.say(f"round {number + 1} of {rounds}")
+        tasks = timed.tasks()
+        bench.say(f"{panel}: round {number + 1} of {rounds}")
         for task in order.sample(tasks, len(tasks)):
             task()
-    for peer in paths.pythons:
+    for peer in paths.pythons if paths else ():
         bench.say(f"paths beside {peer}")
         paths.run(peer)
     machine = f"{bench.processor()}, {os.cpu_count()} cores, load {before:.1f} before and {os.getloadavg()[0]:.1f} after"
-    rows = head.rows() + paths.rows() + denoised.rows()
-    return {"date": datetime.date.today().isoformat(), "machine": machine, "rounds": rounds, "points": rows}
+    taken = {"date": datetime.date.today().isoformat(), "machine": machine, "rounds": rounds}
+    return taken, (paths.rows() if paths else []) + timed.rows()
+
+
+def updated(document, environment, rounds, panels):
+    """The document with these panels measured anew."""
+    for panel in panels:
+        document["taken"][panel], rows = measure(environment, rounds, panel)
+        document["points"] = [row for row in document["points"] if row["panel"] != panel] + rows
+    return document
 
 
 def of(document, *programs):
@@ -330,12 +340,14 @@ def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("peers", type=pathlib.Path, nargs="?", metavar="PEERS_ENV")
     p.add_argument("--rounds", type=int, default=5)
+    p.add_argument("--panel", choices=sorted(PANELS), action="append")
     p.add_argument("--plot", action="store_true")
     a = p.parse_args()
     if not a.plot:
         if a.peers is None:
             p.error("PEERS_ENV is missing (or --plot, to draw what was measured)")
-        RESULT.write_text(json.dumps(measure(a.peers, a.rounds), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        document = updated(json.loads(RESULT.read_text(encoding="utf-8")), a.peers, a.rounds, a.panel or list(PANELS))
+        RESULT.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     document = json.loads(RESULT.read_text(encoding="utf-8"))
     RESULT.with_suffix(".svg").write_text(plot(document), encoding="utf-8")
     print("\n".join(summary(document)))

@@ -39,7 +39,18 @@ FIGURES = [
     ("megabytes", "memory, MB", ".0f"),
 ]
 # The plot: the settings of B1, each with its color.
-SERIES = {"preintegrated": "#c2410c", "preintegrated:0.1": "#db2777", "exact": "#7e22ce", "midpoint:0.5": "#1d4ed8", "midpoint:1": "#15803d"}
+SERIES = {
+    "preintegrated": "#c2410c",
+    "preintegrated:0.1": "#db2777",
+    "exact": "#7e22ce",
+    "midpoint:0.5": "#1d4ed8",
+    "midpoint:0.7": "#0e7490",
+    "midpoint:1": "#15803d",
+    "midpoint:1.4": "#65a30d",
+    "midpoint:2": "#ca8a04",
+    "midpoint:2.8": "#a16207",
+    "midpoint:4": "#57534e",
+}
 
 
 def noted():

@@ -38,9 +38,10 @@ pub trait Real:
     fn exp_m1(self) -> Self;
     /// The exponential `e^x`.
     fn exp(self) -> Self;
-    /// The exponential `e^{-x}` for x ≥ 0. In single precision x is limited to 87, so that the result is never
-    /// denormal.
-    fn exp_neg(self) -> Self;
+    /// The shares of light that an optical depth x ≥ 0 lets through and absorbs, `e^{-x}` and `1 - e^{-x}`, the latter
+    /// without cancellation near zero. In single precision x is limited to 87, so that neither is denormal but where x
+    /// is.
+    fn through_and_absorbed(self) -> [Self; 2];
     /// The lesser of two numbers, neither of which is NaN.
     #[inline(always)]
     fn lesser(self, o: Self) -> Self {
@@ -78,7 +79,7 @@ pub fn extremes<R: Real>(values: &[R]) -> Option<(R, R)> {
 }
 
 macro_rules! real {
-    ($t:ty, $lanes:ty, $exp_neg:expr) => {
+    ($t:ty, $lanes:ty, $shares:expr) => {
         impl Number for $t {
             #[inline(always)]
             fn one() -> Self {
@@ -116,20 +117,20 @@ macro_rules! real {
                 <$t>::exp(self)
             }
             #[inline(always)]
-            fn exp_neg(self) -> Self {
-                $exp_neg(self)
+            fn through_and_absorbed(self) -> [Self; 2] {
+                $shares(self)
             }
         }
     };
 }
-real!(f32, glam::Vec4, exp_neg);
-real!(f64, glam::DVec4, |x: f64| (-x).exp());
+real!(f32, glam::Vec4, through_and_absorbed);
+real!(f64, glam::DVec4, |x: f64| [(-x).exp(), -(-x).exp_m1()]);
 
-/// The exponential `e^-x` for x ≥ 0, to two units in the last place; beyond 87, where it would be denormal, its value
-/// at 87.
+/// The exponential `e^-x` for x ≥ 0 and its difference from 1, each to two units in the last place; beyond 87, where the
+/// exponential would be denormal, its value at 87.
 /// The function has no branch, so that compilers vectorise loops over it.
 #[inline(always)]
-fn exp_neg(x: f32) -> f32 {
+fn through_and_absorbed(x: f32) -> [f32; 2] {
     let x = -x.lesser(87.0);
     // Range reduction x = n ln 2 + r, with ln 2 split in two parts so that the product with the first is exact.
     let shifted = x * std::f32::consts::LOG2_E + f32::ONES;
@@ -141,8 +142,10 @@ fn exp_neg(x: f32) -> f32 {
     let p = 4.166_579_6e-2 + r * p;
     let p = 1.666_666_5e-1 + r * p;
     let p = 0.5 + r * p;
-    let power = (r * r) * p + r + 1.0;
-    power * f32::from_bits((shifted.to_bits() << 23).wrapping_add(127 << 23))
+    // e^r - 1, which the absorbed share is made of: where n = 0 nothing cancels.
+    let change = (r * r) * p + r;
+    let power = f32::from_bits((shifted.to_bits() << 23).wrapping_add(127 << 23));
+    [power * (change + 1.0), (1.0 - power) - power * change]
 }
 
 /// Number of elements of a [`Lanes`] vector.

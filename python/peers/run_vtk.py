@@ -1,10 +1,10 @@
 """VTK's fixed-point ray caster on a volume, through a transfer function, at several settings (B1).
 
-    run_vtk.py volume.npy --function bump|ramp|thin|bone [--threads 2] [--light light_bump.f64] [--steps 1 0.5 0.25]
+    run_vtk.py volume.npy --function bump|ramp|thin|bone [--threads 2] [--light light_bump.f64] [--steps 4 2 1 0.5 0.25]
 
 `volume.npy` is `[z, y, x]`, whole multiples of 1/255, as `volumes.py` writes it. Scalars have 8 and 16 bits, samples
-lie 1, 0.5 and 0.25 voxels apart by default. Seconds are processor time, of all threads, of a picture of 512². With `--light` the
-picture is compared with the light that `cargo bench --bench kernels -- --pictures` wrote: `[row shift, column shift,
+lie 4, 2, 1, 0.5 and 0.25 voxels apart by default. Seconds are processor time, of all threads, of a picture of 512². With
+`--light` the picture is compared with the light that `cargo bench --bench kernels -- --pictures` wrote: `[row shift, column shift,
 row, column, rgb]` in f64 for some pixels, at shifts of half a pixel each way. The best of these counts, since VTK's
 rays do not go through the middles of pixels.
 
@@ -23,7 +23,7 @@ from field import emit, psnr
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 PIXELS, STRIDE, FRAMES = 512, 8, 5
-BITS, STEPS = (8, 16), (1.0, 0.5, 0.25)
+BITS, STEPS = (8, 16), (4.0, 2.0, 1.0, 0.5, 0.25)
 BONE = [0, 0.15, 0.25, 0.45, 0.55, 1], [0, 0, 0.03, 0.03, 0.53, 0.53]
 OPACITY = {
     "bump": lambda x: 0.25 * math.exp(-(((x - 0.25) / 0.08) ** 2)) + 0.5 * math.exp(-(((x - 0.7) / 0.1) ** 2)),

@@ -115,12 +115,39 @@ pub(crate) struct Curve<R: Real, const C: usize> {
     pieces: Vec<Piece<R, C>>,
     /// The pieces again, of a transfer function.
     lines: Vec<Line<R>>,
-    /// First piece of each bucket, the one that its lower end lies in; buckets divide the range of the knots evenly.
-    buckets: Vec<u32>,
+    /// Buckets, which divide the range of the knots evenly.
+    buckets: Vec<Bucket<R>>,
     first: R,
     buckets_per_density: R,
     /// True if each bucket is a piece, because the knots are evenly spaced.
     regular: bool,
+    /// True if a bucket has several densities with knots, so that its piece has to be searched.
+    crowded: bool,
+}
+
+/// A part of the range of a [`Curve`]'s knots. Densities next to its ends may be looked up in the next bucket, by
+/// rounding.
+#[derive(Debug, Clone, Copy)]
+struct Bucket<R> {
+    /// Density of the first knot in the bucket; the greatest number if there is none.
+    knot: R,
+    /// Pieces at the bucket's ends.
+    pieces: [u32; 2],
+}
+
+impl<R: Real> Bucket<R> {
+    fn between<const C: usize>(pieces: &[Piece<R, C>], ends: [f64; 2]) -> Self {
+        let [below, above] =
+            ends.map(|end| pieces.partition_point(|p| p.high <= R::of(end)).min(pieces.len().saturating_sub(1)));
+        let knot = if below < above { pieces[below].high } else { R::of(f64::MAX) };
+        Self { knot, pieces: [below as u32, above as u32] }
+    }
+
+    /// True if knots lie at several densities.
+    fn is_crowded<const C: usize>(&self, pieces: &[Piece<R, C>]) -> bool {
+        let [below, above] = self.pieces;
+        below < above && pieces[above as usize].low > self.knot
+    }
 }
 
 /// Buckets per knot: with four, most buckets hold no knot, so that the search in one ends at once.
@@ -147,10 +174,11 @@ impl<R: Real> Curve<R, 1> {
         Self {
             pieces: vec![piece],
             lines: Vec::new(),
-            buckets: vec![0],
+            buckets: vec![Bucket { knot: most, pieces: [0; 2] }],
             first: R::ZERO,
             buckets_per_density: R::ZERO,
             regular: false,
+            crowded: false,
         }
     }
 }
@@ -198,18 +226,22 @@ impl<R: Real> Curve<R, 3> {
             false => 1,
         };
         let width = range / count as f64;
-        let buckets = (0..count).map(|b| {
+        // Densities are rounded, and the numbers of buckets that are computed from them.
+        let largest = table.knots()[0].abs().max(table.knots()[last - 1].abs());
+        let margin = 1e-3 + R::EPSILON.f64() * (4.0 * count as f64 + 2.0 * largest / width);
+        let bucket = |b: usize| {
             if regular {
-                return b as u32 + 1;
+                return Bucket { knot: R::of(f64::MAX), pieces: [b as u32 + 1; 2] };
             }
-            // A bucket's end is rounded when densities are looked up: start a little below.
-            let density = R::of(first + (b as f64 - 1e-3) * width);
-            pieces.partition_point(|p| p.high <= density).min(last) as u32
-        });
-        let buckets = buckets.collect();
+            let below = if b == 0 { f64::MIN } else { first + (b as f64 - margin) * width };
+            let above = if b + 1 == count { f64::MAX } else { first + ((b + 1) as f64 + margin) * width };
+            Bucket::between(&pieces, [below, above])
+        };
+        let buckets: Vec<Bucket<R>> = (0..count).map(bucket).collect();
+        let crowded = buckets.iter().any(|bucket| bucket.is_crowded(&pieces));
         let buckets_per_density = if range > 0.0 { R::of(count as f64 / range) } else { R::ZERO };
         let lines = pieces.iter().map(Line::new).collect();
-        Self { pieces, lines, buckets, first: R::of(first), buckets_per_density, regular }
+        Self { pieces, lines, buckets, first: R::of(first), buckets_per_density, regular, crowded }
     }
 }
 
@@ -247,14 +279,22 @@ impl<R: Real, const C: usize> Curve<R, C> {
             return above;
         }
         let density = density.store();
-        let find = |i: usize| self.search(density[i], above[i].saturating_sub(1) as usize);
+        let below = above.map(|above| above.saturating_sub(1) as usize);
+        if self.crowded {
+            let find = |i: usize| self.search(density[i], below[i]);
+            return [find(0), find(1), find(2), find(3)];
+        }
+        let find = |i: usize| {
+            let bucket = &self.buckets[below[i].min(self.buckets.len() - 1)];
+            if density[i] >= bucket.knot { bucket.pieces[1] } else { bucket.pieces[0] }
+        };
         [find(0), find(1), find(2), find(3)]
     }
 
     /// Returns the piece of a density, searching from a bucket that it lies in or next to.
     #[inline(always)]
     fn search(&self, density: R, bucket: usize) -> u32 {
-        let mut piece = self.buckets[bucket.min(self.buckets.len() - 1)];
+        let mut piece = self.buckets[bucket.min(self.buckets.len() - 1)].pieces[0];
         while density >= self.pieces[piece as usize].high && (piece as usize) < self.pieces.len() - 1 {
             piece += 1;
         }

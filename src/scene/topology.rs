@@ -165,6 +165,27 @@ impl Topology {
         Self::new(all.flat_map(|(x, y)| (0..dim.z).map(move |z| self.min + IVec3::new(x, y, z))))
     }
 
+    /// Table entry of the brick at brick coordinates that count from those of the first entry and lie within the table.
+    #[inline(always)]
+    pub(crate) fn entry_of(&self, [x, y, z]: [u32; 3]) -> u32 {
+        let [_, height, depth] = self.dim.to_array().map(|d| d as u32);
+        (x.wrapping_mul(height).wrapping_add(y)).wrapping_mul(depth).wrapping_add(z)
+    }
+
+    /// Brick numbers or [`NONE`] by table entry.
+    #[inline(always)]
+    pub(crate) fn table(&self) -> &[u32] {
+        &self.table
+    }
+
+    /// Chebyshev distance in bricks from a table entry without a brick within which there is none either; `None` where
+    /// there is a brick.
+    #[inline(always)]
+    pub(crate) fn clearance_at(&self, entry: u32) -> Option<i32> {
+        let entry = entry as usize;
+        (self.table[entry] == NONE).then(|| self.clear.get(entry).map_or(0, |c| i32::from(*c)))
+    }
+
     /// Number of the brick at brick coordinates `brick`, or [`NONE`].
     #[inline(always)]
     pub fn find(&self, brick: IVec3) -> u32 {

@@ -31,7 +31,18 @@ pub const PICTURES: &str = "--pictures";
 pub const GRADIENT: &str = "--gradient";
 
 /// Rules that are tried.
-const RULES: [&str; 5] = ["preintegrated", "preintegrated:0.1", "exact", "midpoint:0.5", "midpoint:1"];
+const RULES: [&str; 10] = [
+    "preintegrated",
+    "preintegrated:0.1",
+    "exact",
+    "midpoint:0.5",
+    "midpoint:0.7",
+    "midpoint:1",
+    "midpoint:1.4",
+    "midpoint:2",
+    "midpoint:2.8",
+    "midpoint:4",
+];
 /// Pictures of each rule, of which the middle time counts, and seconds after which no further one is begun.
 const PICTURES_EACH: usize = 3;
 const ENOUGH: f64 = 4.0;

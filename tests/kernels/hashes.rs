@@ -31,7 +31,7 @@ const KNOWN: &[(&str, &str)] = &[
     ("grey riemann, 4 rays", "2668af9fda27da88"),
     ("function", "c263925ddd896e57"),
     ("function preintegrated", "a47fc1000172755f"),
-    ("function midpoint", "32d8cab6cbb5c484"),
+    ("function midpoint", "a22177c7205564df"),
     ("pre-shaded", "6e5f0fd6f23fb0cb"),
     ("by density", "e733d11ec254ccad"),
     ("by density, linear", "92b7ff23758a4cf5"),

@@ -342,8 +342,8 @@ fn draws(usual: u64) -> impl Iterator<Item = Draw> {
 }
 
 /// Light of the rules with a step by the plainest of loops, over the interpolated density.
-fn plain_steps(draw: &Draw, ray: &Ray, step: f64, phase: f64) -> [f64; 4] {
-    let (f, Source::Transfer(table)) = (&draw.field, &draw.medium.source) else { unreachable!() };
+fn plain_steps(f: &Bricks<f64>, medium: &Medium, ray: &Ray, step: f64, phase: f64) -> [f64; 4] {
+    let Source::Transfer(table) = &medium.source else { unreachable!() };
     let (o, d) = (f.transform.to_index(ray.origin), f.transform.vector_to_index(ray.direction));
     let (mut rgb, mut depth) = ([0.0; 3], 0.0_f64);
     if let Some((enter, leave)) = f.domain.clip(&Ray::new(o, d)) {
@@ -353,7 +353,7 @@ fn plain_steps(draw: &Draw, ray: &Ray, step: f64, phase: f64) -> [f64; 4] {
             let begin = enter + k as f64 * h;
             let length = h.min(leave - begin);
             let value = table.at(f.sample(o + (begin + phase * length) * d));
-            let x = draw.medium.extinction * value[3] * length;
+            let x = medium.extinction * value[3] * length;
             (0..3).for_each(|c| rgb[c] += (-depth).exp() * -(-x).exp_m1() * value[c]);
             depth += x;
         }
@@ -400,7 +400,7 @@ fn stated_errors_hold_for_random_functions_of_random_fields() {
             }
             for (rule, step, phase) in [(Quadrature::Midpoint(0.3), 0.3, 0.5), (Quadrature::Riemann(0.6), 0.6, 0.0)] {
                 let seen = dvr(&draw.field, draw.medium.clone(), rule).pixel(ray).rgba();
-                let plain = plain_steps(&draw, ray, step, phase);
+                let plain = plain_steps(&draw.field, &draw.medium, ray, step, phase);
                 let error = off(seen, plain);
                 assert!(error < 1e-9, "draw {}, {rule}: {error:.1e}", draw.seed);
                 let error = off(single(rule), plain);
@@ -413,6 +413,46 @@ fn stated_errors_hold_for_random_functions_of_random_fields() {
         "largest errors: exact {:.1e}; of what is allowed {:.2}, {:.2}; a fine sum {:.1e}",
         largest[0], largest[1], largest[2], largest[3]
     );
+}
+
+/// Steps through what is the background in many bricks are taken together, and those through clear ones not at all: light
+/// is that of every step, of rays along the faces of bricks and from within, too.
+#[test]
+fn steps_through_the_background_are_those_of_every_step() {
+    let ball = |p: DVec3| (1.0 - (p - 29.0).length() / 9.0).max(0.0) + (1.0 - (p - 55.0).length() / 5.0).max(0.0);
+    let mut wide = field::<f64>(64, unit(), ball);
+    wide.domain = Aabb { min: DVec3::splat(1.5), max: DVec3::new(61.0, 64.0, 63.0) };
+    let wide = wide.filled(1 << 30).unwrap();
+    let mut narrow = field::<f32>(64, unit(), ball);
+    narrow.domain = wide.domain;
+    let narrow = narrow.filled(1 << 30).unwrap();
+    let mut seen = rays(wide.world_bounds(), 60, 9);
+    for at in [8.0, 16.0, 24.0, 64.0, 31.3] {
+        for axis in [DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z] {
+            let across = DVec3::splat(at) * (DVec3::ONE - axis.abs());
+            seen.push(Ray::new(across + axis * -100.0 * axis.element_sum(), axis));
+            seen.push(Ray::new(across + axis.abs() * 28.7, axis));
+        }
+    }
+    let points =
+        |outside: f64| vec![[0.0, 0.2, 0.4, 0.1, outside], [0.3, 1.0, 0.5, 0.0, 0.02], [1.0, 0.0, 1.0, 2.0, 0.4]];
+    for outside in [0.0, 1e-4, 0.05] {
+        let medium = medium(&Transfer::Piecewise { points: points(outside) }, 1.0);
+        for (rule, step, phase) in [0.05, 0.7, 3.0, 40.0, 500.0]
+            .into_iter()
+            .flat_map(|s| [(Quadrature::Midpoint(s), s, 0.5), (Quadrature::Riemann(s), s, 0.0)])
+        {
+            let (by_double, by_single) = (dvr(&wide, medium.clone(), rule), dvr(&narrow, medium.clone(), rule));
+            for ray in &seen {
+                let plain = plain_steps(&wide, &medium, ray, step, phase);
+                let off = |rgba: [f64; 4]| (0..4).map(|c| (rgba[c] - plain[c]).abs()).fold(0.0, f64::max);
+                let double = off(by_double.pixel(ray).rgba());
+                assert!(double < 1e-9, "{outside}, {rule}, {ray:?}: {double:.1e}");
+                let single = off(by_single.pixel(ray).rgba().map(f64::from));
+                assert!(single < 4e-5, "{outside}, {rule}, {ray:?}: {single:.1e} in f32");
+            }
+        }
+    }
 }
 
 /// What pre-integration states holds where rounding and points of the function meet: densities that lie at its last

@@ -281,6 +281,12 @@ pub struct Dvr<'a, R: Real> {
     /// Bricks that rays visit: with a transfer function those that hold a density at which the medium absorbs, else
     /// all.
     visible: Arc<Topology>,
+    /// True if a medium with a transfer function absorbs at the field's background, so that gaps between bricks count.
+    gaps: bool,
+    /// Bricks that rays visit by a quadrature with a step or pre-integration. If gaps count, all but those that hold
+    /// the background alone: elsewhere the density is the background. If not, the visible ones: elsewhere nothing is
+    /// absorbed.
+    occupied: Arc<Topology>,
     /// True if derivatives with respect to voxels are wanted of all voxels on which the light depends.
     by_voxels: bool,
     /// Least and greatest value of each brick.
@@ -336,6 +342,8 @@ impl<'a, R: Real> Dvr<'a, R> {
             field,
             compiled: CompiledMedium::new(&medium),
             visible: field.topology.clone(),
+            gaps: false,
+            occupied: field.topology.clone(),
             by_voxels: false,
             ranges: OnceLock::new(),
             majorants: OnceLock::new(),
@@ -398,12 +406,21 @@ impl<'a, R: Real> Dvr<'a, R> {
         if let (Source::Transfer(table), CompiledMedium::Table(compiled, tables)) =
             (&self.medium.source, &mut self.compiled)
         {
+            let ranges = || self.ranges.get_or_init(|| self.field.ranges().into());
+            let background = self.field.background;
+            self.gaps = table.at(background.f64())[3] > 0.0;
+            self.occupied = if self.gaps && quadrature != Quadrature::Exact {
+                let ranges = ranges();
+                Arc::new(self.field.topology.masked(|brick| ranges[brick] != [background; 2]))
+            } else {
+                self.visible.clone()
+            };
             *tables = match quadrature {
                 Quadrature::Preintegrated(tolerance) => {
                     let medium = (table.as_ref(), self.medium.extinction);
-                    let ranges = self.ranges.get_or_init(|| self.field.ranges().into());
-                    let bricks = (self.field, &**ranges, &*self.visible, self.by_voxels);
-                    Some(Arc::new(Preintegrated::new(medium, tolerance, &compiled.curve, bricks)))
+                    let bricks = (self.field, &**ranges(), self.by_voxels);
+                    let occupied = (self.occupied.clone(), self.gaps);
+                    Some(Arc::new(Preintegrated::new(medium, tolerance, &compiled.curve, bricks, occupied)))
                 }
                 _ => None,
             };
@@ -537,7 +554,8 @@ impl<'a, R: Real> Dvr<'a, R> {
 
     #[inline(always)]
     fn sampled<'s>(&'s self, curve: &'s Curve<R, 3>) -> Sampled<'s, R> {
-        Sampled { topology: &self.visible, values: &self.field.values, curve, depth_limit: self.depth_limit }
+        let Self { field, ref occupied, gaps, depth_limit, .. } = *self;
+        Sampled { field, occupied, gaps, curve, depth_limit }
     }
 
     #[inline(always)]

@@ -3,36 +3,48 @@
 //! The sum is that of [`Blend`](super::blend::Blend): a sample of extinction σ and color c adds `T c (1 - e^{-x})`,
 //! where T is the transmittance before it, and `x = σ h` the optical depth of its step. Values alone need nothing else
 //! of a sample, so that loops run over plain arrays, which compilers vectorise for each instruction set.
+//!
+//! Rays go from sample to sample and look up the brick of each, eight together; the bricks that they cross are not
+//! walked. Where all density is the background the steps of many bricks are one: samples of one value are those of one
+//! step as long as theirs together.
 
-use super::preintegrated::shares;
+use crate::math::Ray;
 use crate::real::{LANES, Lanes, Real};
-use crate::render::cell::{interpolated, placed};
+use crate::render::cell::interpolated;
 use crate::render::curve::Curve;
 use crate::render::emission_absorption::Radiance;
-use crate::render::march::{IndexRay, Span, spans};
+use crate::render::march::IndexRay;
 use crate::render::quadrature::Uniform;
-use crate::scene::bricks::Topology;
+use crate::scene::bricks::{BRICK, Bricks, CELLS, NONE, Topology, slot};
 
-/// Samples that are blended together.
-const ROOM: usize = 64;
-/// Lanes of the widest vectors: arrays are written that many numbers at a time.
-const WIDE: usize = 8;
+/// Samples that are placed together.
+const GROUP: usize = 8;
+/// Samples from which on they are blended together.
+const ENOUGH: usize = 32;
+/// The largest number of samples that are blended together.
+const ROOM: usize = ENOUGH + GROUP;
 /// The largest optical depth of a step; it is opaque, and products with it are finite.
 const OPAQUE: f64 = 1e30;
+/// Longest way in steps that is passed at once, so that their number is a whole one.
+const FARTHEST: f64 = 1e15;
 
-/// One number a sample, with room for what is written past the last.
-type Numbers<R> = [R; ROOM + WIDE];
+/// One number a sample.
+type Numbers<R> = [R; ROOM];
 
 /// Samples of a ray that are not yet blended.
 #[derive(Debug, Clone)]
 pub(super) struct SampleBatch<R: Real> {
     count: usize,
-    /// Offsets of the samples' cells among the field's values.
-    offset: [u32; ROOM + WIDE],
+    /// Lowest corners of the samples' cells along each axis, from the lowest cell of the table of bricks on.
+    cell: [[u32; ROOM]; 3],
     /// Coordinates of the samples in their cells, each from 0 to 1.
     at: [Numbers<R>; 3],
     /// World lengths of the steps.
     length: Numbers<R>,
+    /// Table entries of the samples' bricks, then the bricks' numbers.
+    brick: [u32; ROOM],
+    /// Offsets of the samples' cells among the field's values.
+    offset: [u32; ROOM],
     /// Red, green, blue and extinction.
     optics: [Numbers<R>; 4],
     /// Shares of the light that steps absorb, `1 - e^{-x}`, and let through.
@@ -42,12 +54,14 @@ pub(super) struct SampleBatch<R: Real> {
 
 impl<R: Real> Default for SampleBatch<R> {
     fn default() -> Self {
-        let zero = [R::ZERO; ROOM + WIDE];
+        let (zero, none) = ([R::ZERO; ROOM], [0; ROOM]);
         Self {
             count: 0,
-            offset: [0; ROOM + WIDE],
+            cell: [none; 3],
             at: [zero; 3],
             length: zero,
+            brick: none,
+            offset: none,
             optics: [zero; 4],
             absorbed: zero,
             through: zero,
@@ -55,13 +69,82 @@ impl<R: Real> Default for SampleBatch<R> {
     }
 }
 
-/// A medium that rays sample: the bricks that they visit, the values of all bricks, and the function of these.
+/// A medium that rays sample.
 pub(super) struct Sampled<'a, R: Real> {
-    pub topology: &'a Topology,
-    pub values: &'a [R],
+    pub field: &'a Bricks<R>,
+    /// Bricks between which the density is the field's background, where nothing is absorbed unless gaps count.
+    pub occupied: &'a Topology,
+    pub gaps: bool,
     pub curve: &'a Curve<R, 3>,
     /// Optical depth at which a ray ends.
     pub depth_limit: f64,
+}
+
+/// Places of a ray's samples, in index coordinates that count from the lowest cell of the table of bricks.
+struct Places {
+    /// Place of the first sample, and what is gained from one to the next but the last, whose step is cut.
+    first: [f64; 3],
+    gain: [f64; 3],
+    /// Number of the last sample, and the number that another at its place would have.
+    last: u64,
+    last_at: f64,
+    /// Steps per coordinate gained; 0 along axes across the ray.
+    per: [f64; 3],
+    /// The lowest corner of the last cell, and the coordinates of the last brick, along each axis.
+    last_cell: [f64; 3],
+    last_brick: [f64; 3],
+}
+
+impl Places {
+    #[inline(always)]
+    fn new(ray: &IndexRay, rule: Uniform, topology: &Topology) -> Self {
+        let bounds = topology.bounds();
+        let edges = (bounds.max - bounds.min).to_array();
+        let gain = ray.direction().to_array().map(|d| rule.step * d);
+        Self {
+            first: (ray.at(rule.step(0).0) - bounds.min).to_array(),
+            gain,
+            last: rule.last,
+            last_at: (rule.step(rule.last).0 - rule.step(0).0) / rule.step,
+            per: gain.map(|g| if g == 0.0 { 0.0 } else { 1.0 / g }),
+            last_cell: edges.map(|e| e - 1.0),
+            last_brick: edges.map(|e| e / CELLS as f64 - 1.0),
+        }
+    }
+
+    /// Returns the coordinates of the brick that a sample lies in.
+    #[inline(always)]
+    fn brick(&self, sample: u64) -> [f64; 3] {
+        let number = if sample == self.last { self.last_at } else { sample as f64 };
+        let at = |a: usize| self.first[a] + number * self.gain[a];
+        [0, 1, 2].map(|a| below(at(a) * (1.0 / CELLS as f64), self.last_brick[a]))
+    }
+
+    /// Returns the number of the first sample behind all bricks within a distance, in bricks, of this one, as long as
+    /// numbers are not too large.
+    #[inline(always)]
+    fn behind(&self, brick: [f64; 3], distance: i32) -> u64 {
+        let leave = |a: usize| {
+            let (ahead, way) = if self.gain[a] > 0.0 { (1.0, 1.0) } else { (0.0, -1.0) };
+            let plane = CELLS as f64 * (brick[a] + ahead + way * f64::from(distance));
+            if self.per[a] == 0.0 { FARTHEST } else { (plane - self.first[a]) * self.per[a] }
+        };
+        leave(0).lesser(leave(1)).lesser(leave(2)).greater(0.0).lesser(FARTHEST) as u64 + 1
+    }
+}
+
+/// Returns the greatest whole number up to a coordinate, at least 0 and at most `last`; of a whole number it may be the
+/// one before.
+#[inline(always)]
+fn below(coordinate: f64, last: f64) -> f64 {
+    // Adding rounds to the nearest whole number: down, half of one lower.
+    ((coordinate - 0.5 + f64::ONES) - f64::ONES).greater(0.0).lesser(last)
+}
+
+/// Returns a whole number from 0 to 2³² - 1 as one.
+#[inline(always)]
+fn whole(number: f64) -> u32 {
+    (number + f64::ONES).to_bits() as u32
 }
 
 impl<R: Real> Sampled<'_, R> {
@@ -69,83 +152,91 @@ impl<R: Real> Sampled<'_, R> {
     #[inline(always)]
     pub(crate) fn radiance(&self, ray: &IndexRay, rule: Uniform, batch: &mut SampleBatch<R>) -> Radiance {
         let mut radiance = Radiance::default();
+        let topology = &*self.field.topology;
+        let reach = if self.gaps { topology.reach() } else { self.occupied.reach() };
+        let Some((enter, leave)) = reach.clip(&Ray::new(ray.at(0.0), ray.direction())) else {
+            return radiance;
+        };
+        let places = Places::new(ray, rule, topology);
+        let end = rule.before(leave);
+        let mut k = rule.before(enter);
         batch.count = 0;
-        spans(
-            self.topology,
-            ray,
-            false,
-            #[inline(always)]
-            |span| {
-                let mut steps = rule.on(&span);
-                while steps.start < steps.end {
-                    let some = (steps.end - steps.start).min((ROOM - batch.count) as u64);
-                    batch.push(&span, rule, steps.start, some as usize);
-                    steps.start += some;
-                    if batch.count == ROOM {
-                        batch.blend(self, &mut radiance);
-                        if radiance.depth >= self.depth_limit {
-                            return false;
-                        }
-                    }
+        while k < end {
+            while k < end && batch.count < ENOUGH {
+                let brick = places.brick(k);
+                let entry = topology.entry_of(brick.map(whole));
+                let Some(distance) = self.occupied.clearance_at(entry) else {
+                    let next = (k + GROUP as u64).min(end);
+                    batch.push(&places, rule, k, (next - k) as usize);
+                    k = next;
+                    continue;
+                };
+                let next = places.behind(brick, distance).min(end).max(k + 1);
+                if self.gaps {
+                    // Every value of the brick is the background.
+                    batch.push_one(brick.map(|b| whole(CELLS as f64 * b)), R::of(rule.length(k..next)));
                 }
-                true
-            },
-        );
-        batch.blend(self, &mut radiance);
+                k = next;
+            }
+            batch.blend(self, &mut radiance);
+            if radiance.depth >= self.depth_limit {
+                break;
+            }
+        }
         radiance
     }
 }
 
 impl<R: Real> SampleBatch<R> {
-    /// Appends the samples of `count` steps from the one of this number on.
+    /// Appends samples, up to a group, from the one of this number on.
     #[inline(always)]
-    fn push(&mut self, span: &Span<R>, rule: Uniform, first: u64, count: usize) {
-        let (begin, n) = (self.count, count.next_multiple_of(WIDE));
-        let near = R::of(rule.step(first).0 - span.start);
-        let step = R::of(rule.step);
-        let [x, y, z] = &mut self.at;
-        let places = x[begin..begin + n].iter_mut().zip(&mut y[begin..begin + n]).zip(&mut z[begin..begin + n]);
-        let offsets = self.offset[begin..begin + n].iter_mut();
-        for (i, (((x, y), z), offset)) in places.zip(offsets).enumerate() {
-            let t = near + R::int(i as i32) * step;
-            let [u, v, w] = [0, 1, 2].map(|a| span.entry[a] + t * span.direction[a]);
-            let (cell, at) = placed([u, v, w]);
-            *offset = span.base as u32 + cell;
-            [*x, *y, *z] = at;
+    fn push(&mut self, places: &Places, rule: Uniform, sample: u64, count: usize) {
+        let n = self.count.min(ENOUGH);
+        let mut numbers: [f64; GROUP] = std::array::from_fn(|i| sample as f64 + i as f64);
+        self.length[n..n + GROUP].fill(R::of(rule.step));
+        if sample + GROUP as u64 > rule.last {
+            let last = (rule.last - sample) as usize % GROUP;
+            (numbers[last], self.length[n + last]) = (places.last_at, R::of(rule.step(rule.last).1));
         }
-        self.length[begin..begin + n].fill(step);
-        self.count += count;
-        let last = first + count as u64 - 1;
-        if last == rule.last {
-            // The last step is cut.
-            let (position, length) = rule.step(last);
-            let t = R::of(position - span.start);
-            let (cell, at) = placed([0, 1, 2].map(|a| span.entry[a] + t * span.direction[a]));
-            let i = self.count - 1;
-            self.offset[i] = span.base as u32 + cell;
-            self.at.iter_mut().zip(at).for_each(|(own, at)| own[i] = at);
-            self.length[i] = R::of(length);
+        for (a, (cell, at)) in self.cell.iter_mut().zip(&mut self.at).enumerate() {
+            let (first, gain, last) = (places.first[a], places.gain[a], places.last_cell[a]);
+            for ((cell, at), number) in cell[n..n + GROUP].iter_mut().zip(&mut at[n..n + GROUP]).zip(numbers) {
+                let place = first + number * gain;
+                let low = below(place, last);
+                *at = R::of(place - low);
+                *cell = whole(low);
+            }
         }
+        self.count = n + count;
+    }
+
+    /// Appends one sample, at the lowest corner of a cell.
+    #[inline(always)]
+    fn push_one(&mut self, cell: [u32; 3], length: R) {
+        let n = self.count.min(ENOUGH);
+        for a in 0..3 {
+            (self.cell[a][n], self.at[a][n]) = (cell[a], R::ZERO);
+        }
+        self.length[n] = length;
+        self.count = n + 1;
     }
 
     /// Blends all samples behind what was blended before, and forgets them.
     #[inline(always)]
-    fn blend(&mut self, ray: &Sampled<'_, R>, radiance: &mut Radiance) {
+    fn blend(&mut self, medium: &Sampled<'_, R>, radiance: &mut Radiance) {
         let count = self.count.min(ROOM);
-        if count == 0 {
-            return;
+        // What stands past the last sample absorbs nothing.
+        let all = count.next_multiple_of(GROUP).min(ROOM);
+        for cell in &mut self.cell {
+            cell[count..all].fill(0);
         }
-        // What is written past the last sample absorbs nothing.
-        let all = count.next_multiple_of(WIDE);
-        let offset = self.offset[count - 1];
-        self.offset[count..all].fill(offset);
         self.length[count..all].fill(R::ZERO);
-        self.look_up(ray, all);
+        self.find(&medium.field.topology, all);
+        self.look_up(medium, all);
         for i in 0..all {
             let depth = (self.optics[3][i] * self.length[i]).greater(R::ZERO).lesser(R::of(OPAQUE));
-            let [through, mixed, _] = shares(depth);
-            // From `1 - e^{-x}` itself nothing would be left of small x.
-            (self.through[i], self.absorbed[i], self.optics[3][i]) = (through, depth * mixed, depth);
+            [self.through[i], self.absorbed[i]] = depth.through_and_absorbed();
+            self.optics[3][i] = depth;
         }
         let mut transmittance = R::of((-radiance.depth).exp());
         let (mut light, mut depths) = ([R::Lanes::ZERO; 3], R::Lanes::ZERO);
@@ -166,15 +257,41 @@ impl<R: Real> SampleBatch<R> {
         self.count = 0;
     }
 
+    /// Finds the offsets of the first `count` samples' cells. Where there is no brick nothing is absorbed.
+    #[inline(always)]
+    fn find(&mut self, topology: &Topology, count: usize) {
+        let [x, y, z] = &self.cell;
+        for i in 0..count {
+            // The brick and the cell in it, of eight along each axis.
+            self.brick[i] = topology.entry_of([x[i] >> 3, y[i] >> 3, z[i] >> 3]);
+            let [x, y, z] = [x[i] & 7, y[i] & 7, z[i] & 7];
+            self.offset[i] = slot(1, 0, 0) as u32 * x + slot(0, 1, 0) as u32 * y + z;
+        }
+        let table = topology.table();
+        for brick in &mut self.brick[..count] {
+            *brick = table[*brick as usize];
+        }
+        let mut missing = 0;
+        for (offset, brick) in self.offset[..count].iter_mut().zip(&self.brick) {
+            *offset = brick.wrapping_mul(BRICK as u32).wrapping_add(*offset);
+            missing |= u32::from(*brick == NONE);
+        }
+        if missing > 0 {
+            for i in (0..count).filter(|i| self.brick[*i] == NONE) {
+                (self.offset[i], self.length[i]) = (0, R::ZERO);
+            }
+        }
+    }
+
     /// Looks up colors and extinctions of the first `count` samples.
     #[inline(always)]
-    fn look_up(&mut self, ray: &Sampled<'_, R>, count: usize) {
-        let Sampled { values, curve, .. } = *ray;
+    fn look_up(&mut self, medium: &Sampled<'_, R>, count: usize) {
         for n in (0..count.min(ROOM)).step_by(LANES) {
             let at = |v: &Numbers<R>| R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]]);
             let offset = [0, 1, 2, 3].map(|i| self.offset[n + i]);
-            let density = interpolated(values, offset, [at(&self.at[0]), at(&self.at[1]), at(&self.at[2])]);
-            for (own, four) in self.optics.iter_mut().zip(curve.source_and_extinction(density)) {
+            let at = [at(&self.at[0]), at(&self.at[1]), at(&self.at[2])];
+            let density = interpolated(&medium.field.values, offset, at);
+            for (own, four) in self.optics.iter_mut().zip(medium.curve.source_and_extinction(density)) {
                 own[n..n + LANES].copy_from_slice(&four.store());
             }
         }

@@ -45,9 +45,16 @@ impl Uniform {
 
     /// Returns the number of steps whose sample lies before `t`.
     #[inline(always)]
-    fn before(&self, t: f64) -> u64 {
+    pub(crate) fn before(&self, t: f64) -> u64 {
         let whole = ((t - self.enter) * self.per_length - self.phase).ceil().max(0.0) as u64;
         if whole < self.last { whole } else { self.last + u64::from(self.step(self.last).0 < t) }
+    }
+
+    /// Returns the world length of consecutive steps.
+    #[inline(always)]
+    pub(crate) fn length(&self, steps: Range<u64>) -> f64 {
+        let begin = |k: u64| if k > self.last { self.leave } else { self.enter + k as f64 * self.step };
+        begin(steps.end) - begin(steps.start)
     }
 
     /// Returns the numbers of the steps whose samples lie on a span. Spans are half open: each sample belongs to

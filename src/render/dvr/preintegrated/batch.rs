@@ -278,7 +278,7 @@ pub(super) fn at<R: Real>(v: &[R], n: usize) -> R::Lanes {
 /// Returns `e^{-x}`, A and B.
 #[inline(always)]
 pub(crate) fn shares<R: Real>(depth: R) -> [R; 3] {
-    let transmittance = depth.exp_neg();
+    let [transmittance, _] = depth.through_and_absorbed();
     let ends = R::of(0.5) * (R::ONE + transmittance);
     let thin = depth * depth * powers(depth);
     let thick = depth > R::of(THIN);

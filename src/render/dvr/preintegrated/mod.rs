@@ -28,13 +28,13 @@ use crate::render::march::IndexRay;
 use crate::scene::bricks::{BRICK, Bricks, CELLS, Topology};
 use crate::scene::table::Table;
 use batch::SegmentBatch;
-pub(super) use batch::shares;
 use bound::ATTEMPTS;
 use deviation::Deviations;
 use front::Front;
 use nodes::{Divided, Nodes, Queue, Sites, Spacing, nodes, roughness};
 use ray::NodeCotangent;
 use rayon::prelude::*;
+use std::sync::Arc;
 use table::Cumulative;
 pub(super) use tangent::VoxelSeeds;
 use visit::{BatchGradient, Visit};
@@ -43,9 +43,8 @@ use visit::{BatchGradient, Visit};
 #[derive(Debug, Clone)]
 pub(super) struct Preintegrated<R: Real> {
     tables: Cumulative<R>,
-    /// Bricks that rays visit; elsewhere the density is the background if gaps count, else
-    /// nothing is absorbed.
-    occupied: Topology,
+    /// Bricks that rays visit; see [`Dvr::occupied`].
+    occupied: Arc<Topology>,
     /// Spacing of nodes, by brick.
     spacing: Vec<Spacing<R>>,
     /// True if the medium absorbs at the background, so that gaps between bricks count.
@@ -65,20 +64,20 @@ const NEGLIGIBLE: f64 = 1e-3;
 
 impl<R: Real> Preintegrated<R> {
     /// Creates the tables of a transfer function whose extinctions are multiplied by `scale`, for a field with the
-    /// least and greatest values of its bricks, and those that are visible; `tolerance` is the error allowed along a
+    /// least and greatest values of its bricks, and those that rays visit, with whether gaps between these count; `tolerance` is the error allowed along a
     /// ray, in units of the brightest color. With `by_voxels` rays have a node a voxel, or two, wherever the light
     /// depends on voxels.
     pub(crate) fn new(
         (table, scale): (&Table, f64),
         tolerance: f64,
         curve: &Curve<R, 3>,
-        (field, ranges, visible, by_voxels): (&Bricks<R>, &[[R; 2]], &Topology, bool),
+        (field, ranges, by_voxels): (&Bricks<R>, &[[R; 2]], bool),
+        (occupied, gaps): (Arc<Topology>, bool),
     ) -> Self {
         let background = field.background;
         let both = |[a, b]: [R; 2], [low, high]: &[R; 2]| [a.lesser(*low), b.greater(*high)];
         let range = ranges.iter().fold([background; 2], both).map(Real::f64);
         let tables = Cumulative::new((table, scale), tolerance, curve, range, background);
-        let gaps = table.at(background.f64())[3] > 0.0;
         let voxel = field.transform.voxel_size().max_element();
         let brightest = table.peak()[..3].iter().fold(f64::MIN_POSITIVE, |a, b| a.max(*b));
         let steepest = table.steepest(range[0], table.above(range[1]), brightest);
@@ -102,13 +101,9 @@ impl<R: Real> Preintegrated<R> {
             let nearest = BY_VOXELS[usize::from(low < high)];
             let narrow = |h: f64| by_voxels && h > nearest && depends(low, high);
             let distance = distance.map(|h| if narrow(h) { nearest } else { h });
-            let spacing = Spacing { density: R::of(distance.map_or(0.0, f64::recip)), roughness };
-            (spacing, low != background || high != background)
+            Spacing { density: R::of(distance.map_or(0.0, f64::recip)), roughness }
         };
-        let bricks: Vec<(Spacing<R>, bool)> = field.values.par_chunks(BRICK).zip(ranges).map(spacing).collect();
-        // Where gaps count, a brick that is clear is none.
-        let occupied = if gaps { field.topology.masked(|brick| bricks[brick].1) } else { visible.clone() };
-        let spacing = bricks.into_iter().map(|(spacing, _)| spacing).collect();
+        let spacing = field.values.par_chunks(BRICK).zip(ranges).map(spacing).collect();
         Self { tables, occupied, spacing, gaps }
     }
 
