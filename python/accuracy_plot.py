@@ -37,7 +37,7 @@ THREADS = 2
 HEAD, FUNCTION, PIXELS, ANGLE, TURN, STRIDE = "head", "bone", 512, 30.0, 0.3, 8
 KNOTS, OPACITIES = [0, 0.15, 0.25, 0.45, 0.55, 1], [0, 0, 0.03, 0.03, 0.53, 0.53]
 STEPS = [4, 2, 1, 0.5]
-RULES = ["midpoint:4", "midpoint:2", "midpoint:1.4", "midpoint:1", "midpoint:0.7", "midpoint:0.5", "preintegrated:0.1", "preintegrated", "exact"]
+RULES = ["midpoint:4", "midpoint:2", "midpoint:1", "midpoint:0.7", "midpoint:0.5", "preintegrated:0.1", "preintegrated", "exact"]
 # Rays along each edge of a pixel, whose time beyond that of one ray counts.
 EDGE = 2
 # B8's plume in sun light; paths a pixel of pictures, of denoised sequences and of the reference.
