@@ -54,6 +54,12 @@ impl Sampler {
         sobol_burley::sample_4d(self.index, self.sets - 1, self.scramble).map(f64::from)
     }
 
+    /// Leaves out the next four numbers that are even over the samples of a pixel, without computing them.
+    #[inline(always)]
+    pub(crate) fn skip_stratified(&mut self) {
+        self.sets = SETS.min(self.sets + 1);
+    }
+
     /// Returns the numbers of a second path of the same sample, independent of those of this one from here on.
     pub(crate) fn second(&self) -> Self {
         let golden = 0x9E37_79B9_7F4A_7C15_u64;
@@ -101,6 +107,18 @@ mod tests {
         assert_eq!(one, first(1, [2, 3], 4));
         for other in [first(2, [2, 3], 4), first(1, [3, 2], 4), first(1, [2, 3], 5), first(1, [2, 3], 4 + SEQUENCE)] {
             assert!(one.0 != other.0 && one.1 != other.1, "{one:?} {other:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_left_out_is_not_drawn_later() {
+        for count in 1..=SETS {
+            let (mut drawn, mut left_out) = (Sampler::new(5, [1, 2], 3), Sampler::new(5, [1, 2], 3));
+            for _ in 0..count {
+                drawn.stratified();
+                left_out.skip_stratified();
+            }
+            assert_eq!(drawn.stratified(), left_out.stratified(), "{count}");
         }
     }
 

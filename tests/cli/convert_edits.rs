@@ -434,6 +434,12 @@ fn grids_that_cannot_be_computed_are_refused() {
     refused("two.vdb no.vdb --eval d=density+fine", Code::Unsupported, &["'fine'", "different lattices", "--resample"]);
     refused("@kinds.vdb no.vdb --eval d=velocity*2", Code::Unsupported, &["velocity", "velocity.x"]);
     refused("a.vdb no.vdb --eval d=density --eval d=density*2", Code::Invalid, &["twice"]);
+    refused(
+        "@kinds.vdb no.vdb --eval d=label.x",
+        Code::Invalid,
+        &["'label' holds scalars", "no component 'x'", "name the grid alone"],
+    );
+    refused("a.vdb no.vdb --eval d=min(density)", Code::Usage, &["--eval", "'min' takes 2 numbers, 1 given"]);
     refused("a.vdb no.vdb --eval d=density+", Code::Usage, &["--eval", "ends where"]);
     refused("a.vdb no.vdb --eval density", Code::Usage, &["NAME=EXPRESSION"]);
     refused("a.vdb b.vdb no.vdb --eval d=density", Code::Invalid, &["--eval edits the grids of one file"]);

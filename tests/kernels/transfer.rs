@@ -1,9 +1,9 @@
 //! Transfer functions: values against a fine sum, every gradient against central differences in f64, the
 //! adjoints against one another.
 
-use crate::common::fields::{assert_same, cloud, field, kinds, lumps, noise, odd, rays, unit};
+use crate::common::fields::{assert_same, cloud, field, grid, kinds, lumps, noise, odd, rays, unit};
 use crate::loss::{close, loss, slope};
-use cumulo::math::{Aabb, Ray};
+use cumulo::math::{Aabb, Affine, Ray};
 use cumulo::real::Real;
 use cumulo::render::composited::Composited;
 use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient};
@@ -13,7 +13,7 @@ use cumulo::scene::bricks::{BRICK, Bricks};
 use cumulo::scene::medium::{Medium, Source};
 use cumulo::scene::table::{Table, TableGradient};
 use cumulo::scene::transfer::Transfer;
-use glam::DVec3;
+use glam::{DMat4, DVec3, DVec4};
 use std::sync::Arc;
 
 const BACKGROUND: [f32; 3] = [0.5, 0.25, 0.125];
@@ -450,6 +450,73 @@ fn steps_through_the_background_are_those_of_every_step() {
                 assert!(double < 1e-9, "{outside}, {rule}, {ray:?}: {double:.1e}");
                 let single = off(by_single.pixel(ray).rgba().map(f64::from));
                 assert!(single < 4e-5, "{outside}, {rule}, {ray:?}: {single:.1e} in f32");
+            }
+        }
+    }
+}
+
+/// The first sample of a rule that samples where steps begin lies on a face of the box, beyond which there are no bricks;
+/// all that follows is background.
+#[test]
+fn steps_begin_on_the_faces_of_a_sparse_volume() {
+    let corners = |p: DVec3| f64::from(u8::from(p == DVec3::ZERO || p == DVec3::splat(47.0)));
+    let affine = Affine::new(DMat4::from_cols(
+        DVec4::new(1.1, 0.0, 0.0, 0.0),
+        DVec4::new(0.0, 1.4, 0.0, 0.0),
+        DVec4::new(0.0, 0.0, 0.7, 0.0),
+        DVec4::new(3.0, -2.0, 0.3, 1.0),
+    ));
+    let mut sparse = grid(48, affine.unwrap(), corners);
+    sparse.leaves.retain(|leaf| leaf.values.iter().any(|v| *v != 0.0));
+    let mut wide = Bricks::<f64>::from_grid(&sparse, 1 << 30).unwrap();
+    wide.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(47.0) };
+    let wide = wide.filled(1 << 30).unwrap();
+    let points = vec![[0.0, 1.0, 0.5, 0.25, 0.03], [2.0, 1.0, 0.5, 0.25, 0.03]];
+    let medium = medium(&Transfer::Piecewise { points }, 1.0);
+    let eye = DVec3::new(-60.0, -50.0, -70.0);
+    let bounds = wide.world_bounds();
+    let towards =
+        |i: u64| bounds.min + (bounds.max - bounds.min) * DVec3::new(noise(3 * i), noise(3 * i + 1), noise(3 * i + 2));
+    let seen: Vec<Ray> = (0..300).map(|i| Ray::new(eye, (towards(i) - eye).normalize())).collect();
+    for (rule, step, phase) in [0.1, 3.0, 1000.0]
+        .into_iter()
+        .flat_map(|s| [(Quadrature::Midpoint(s), s, 0.5), (Quadrature::Riemann(s), s, 0.0)])
+    {
+        let by_double = dvr(&wide, medium.clone(), rule);
+        for ray in &seen {
+            let plain = plain_steps(&wide, &medium, ray, step, phase);
+            let seen = by_double.pixel(ray).rgba();
+            let off = (0..4).map(|c| (seen[c] - plain[c]).abs()).fold(0.0, f64::max);
+            assert!(off < 1e-9, "{rule}, {ray:?}: {off:.1e}");
+        }
+    }
+}
+
+/// What pre-integration states holds where the background lies within a narrow part of the function, in front of an
+/// edge: gaps between bricks hold nothing but the background, however small the error that is allowed.
+#[test]
+fn stated_errors_hold_in_front_of_edges() {
+    let cube = |p: DVec3| if p.cmpge(DVec3::splat(8.0)).all() && p.cmplt(DVec3::splat(24.0)).all() { 0.9 } else { 0.0 };
+    let set = |field: &mut Bricks<f32>| field.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(39.0) };
+    let mut narrow = field::<f32>(40, unit(), cube);
+    set(&mut narrow);
+    let narrow = narrow.filled(1 << 30).unwrap();
+    let mut wide = field::<f64>(40, unit(), cube);
+    wide.domain = narrow.domain;
+    let wide = wide.filled(1 << 30).unwrap();
+    let mut seen = rays(wide.world_bounds(), 60, 8);
+    seen.extend((0..12).map(|i| Ray::new(DVec3::new(9.3 + f64::from(i), 11.7, 90.0), DVec3::NEG_Z)));
+    for width in [5e-3, 1.3e-3, 3e-4] {
+        let points = vec![[-width, 0.0, 1.0, 0.0, 0.18], [width, 0.0, 0.0, 1.0, 0.06]];
+        let medium = medium(&Transfer::Piecewise { points }, 1.0);
+        for tolerance in [1e-1, 1e-2, 1e-3, 1e-4, 1e-5] {
+            let rendered = dvr(&narrow, medium.clone(), Quadrature::Preintegrated(tolerance));
+            for ray in &seen {
+                let exact = dvr(&wide, medium.clone(), Quadrature::Exact).pixel(ray).rgba();
+                let seen = rendered.pixel(ray).rgba().map(f64::from);
+                let error = (0..4).map(|c| (seen[c] - exact[c]).abs()).fold(0.0, f64::max);
+                // Single precision of a place moves a density within the narrow part.
+                assert!(error < tolerance + 1e-3, "{width}, {tolerance}: {seen:?} for {exact:?}");
             }
         }
     }

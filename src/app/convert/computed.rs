@@ -147,10 +147,17 @@ impl Computed {
             let Value::Grid(place, _) = value else { continue };
             let info = &infos[*place];
             let of_vectors = info.components == 3;
-            let names_component = *name != info.name && name.rsplit_once('.').is_some_and(|(_, c)| AXES.contains(&c));
-            if info.components == 0 || of_vectors && !names_component {
+            let component = name.rsplit_once('.').filter(|(_, c)| *name != info.name && AXES.contains(c));
+            if info.components == 0 || of_vectors && component.is_none() {
                 return Err(Error::unsupported(format!("grid '{}' holds {} values", info.name, info.value_type))
                     .hint("name scalars, or a component of vectors such as velocity.x"));
+            }
+            if let (false, Some((_, axis))) = (of_vectors, component) {
+                return Err(Error::invalid(format!(
+                    "grid '{}' holds scalars, which have no component '{axis}'",
+                    info.name
+                ))
+                .hint("name the grid alone"));
             }
         }
         Ok(lattice)
@@ -232,7 +239,8 @@ impl Source<'_> {
             ))
             .hint("multiply by a grid that is 0 outside, as in density * z"));
         }
-        Ok(first)
+        // Of -0 as well.
+        Ok(first + 0.0)
     }
 
     /// Computes the leaves of blocks of voxels.

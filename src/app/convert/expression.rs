@@ -14,6 +14,8 @@ use winnow::token::{one_of, take_till, take_while};
 
 /// Most brackets, signs and powers of an expression, each of which takes stack while it is parsed.
 const MOST_NESTED: usize = 200;
+/// Most characters of operators, each of which takes stack while values are computed.
+const MOST_OPERATORS: usize = 2000;
 
 /// An expression of named values.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,60 +30,63 @@ pub struct Expression {
 enum Node {
     Number(f64),
     Name(String),
+    /// A function by its name, with what stands in its brackets.
+    Call(String, Vec<Node>),
     /// A value by the place of its name.
     Value(usize),
-    One(One, Box<Node>),
-    Two(Two, Box<[Node; 2]>),
-    Three(Three, Box<[Node; 3]>),
+    /// A function of as many parts as it takes.
+    Apply(Function, Vec<Node>),
 }
 
-/// Makes types of functions that are equal if their names are.
-macro_rules! function {
-    ($name:ident, $kind:ty) => {
-        #[derive(Debug, Clone, Copy)]
-        struct $name(&'static str, $kind);
+/// A function with its name or operator; functions are equal if these are.
+#[derive(Debug, Clone, Copy)]
+struct Function(&'static str, Kind);
 
-        impl PartialEq for $name {
-            fn eq(&self, other: &Self) -> bool {
-                self.0 == other.0
-            }
-        }
-    };
+/// What a function does with one number, two or three.
+#[derive(Debug, Clone, Copy)]
+enum Kind {
+    One(fn(f64) -> f64),
+    Two(fn(f64, f64) -> f64),
+    Three(fn(f64, f64, f64) -> f64),
 }
-function!(One, fn(f64) -> f64);
-function!(Two, fn(f64, f64) -> f64);
-function!(Three, fn(f64, f64, f64) -> f64);
 
-/// Functions of one number.
-const ONE: [One; 15] = [
-    One("abs", f64::abs),
-    One("floor", f64::floor),
-    One("ceil", f64::ceil),
-    One("round", f64::round),
-    One("exp", f64::exp),
-    One("ln", f64::ln),
-    One("log2", f64::log2),
-    One("log10", f64::log10),
-    One("sqrt", f64::sqrt),
-    One("sin", f64::sin),
-    One("cos", f64::cos),
-    One("tan", f64::tan),
-    One("asin", f64::asin),
-    One("acos", f64::acos),
-    One("atan", f64::atan),
+impl PartialEq for Function {
+    fn eq(&self, other: &Self) -> bool {
+        self.0 == other.0
+    }
+}
+
+/// Functions that are called by their names.
+const FUNCTIONS: [Function; 23] = [
+    Function("abs", Kind::One(f64::abs)),
+    Function("floor", Kind::One(f64::floor)),
+    Function("ceil", Kind::One(f64::ceil)),
+    Function("round", Kind::One(f64::round)),
+    Function("exp", Kind::One(f64::exp)),
+    Function("ln", Kind::One(f64::ln)),
+    Function("log2", Kind::One(f64::log2)),
+    Function("log10", Kind::One(f64::log10)),
+    Function("sqrt", Kind::One(f64::sqrt)),
+    Function("sin", Kind::One(f64::sin)),
+    Function("cos", Kind::One(f64::cos)),
+    Function("tan", Kind::One(f64::tan)),
+    Function("asin", Kind::One(f64::asin)),
+    Function("acos", Kind::One(f64::acos)),
+    Function("atan", Kind::One(f64::atan)),
+    Function("min", Kind::Two(f64::min)),
+    Function("max", Kind::Two(f64::max)),
+    Function("pow", Kind::Two(f64::powf)),
+    Function("atan2", Kind::Two(f64::atan2)),
+    Function("if", Kind::Three(|condition, then, other| if is_true(condition) { then } else { other })),
+    Function("clamp", Kind::Three(|v, low, high| v.max(low).min(high))),
+    Function("mix", Kind::Three(|a, b, share| a + (b - a) * share)),
+    Function("smoothstep", Kind::Three(smoothstep)),
 ];
-/// Functions of two numbers.
-const TWO: [Two; 4] = [Two("min", f64::min), Two("max", f64::max), Two("pow", f64::powf), Two("atan2", f64::atan2)];
-/// Functions of three numbers.
-const THREE: [Three; 4] = [
-    Three("if", |condition, then, other| if is_true(condition) { then } else { other }),
-    Three("clamp", |v, low, high| v.max(low).min(high)),
-    Three("mix", |a, b, share| a + (b - a) * share),
-    Three("smoothstep", |low, high, v| {
-        let t = ((v - low) / (high - low)).clamp(0.0, 1.0);
-        t * t * (3.0 - 2.0 * t)
-    }),
-];
+
+fn smoothstep(low: f64, high: f64, v: f64) -> f64 {
+    let t = ((v - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
 
 fn is_true(v: f64) -> bool {
     v != 0.0
@@ -104,39 +109,61 @@ impl Node {
         match self {
             Self::Number(number) => *number,
             Self::Value(place) => values[*place],
-            Self::Name(_) => f64::NAN,
-            Self::One(function, of) => function.1(of.value(values)),
-            Self::Two(function, of) => function.1(of[0].value(values), of[1].value(values)),
-            Self::Three(function, of) => function.1(of[0].value(values), of[1].value(values), of[2].value(values)),
+            Self::Name(_) | Self::Call(..) => f64::NAN,
+            Self::Apply(Function(_, kind), of) => match kind {
+                Kind::One(function) => function(of[0].value(values)),
+                Kind::Two(function) => function(of[0].value(values), of[1].value(values)),
+                Kind::Three(function) => function(of[0].value(values), of[1].value(values), of[2].value(values)),
+            },
         }
     }
 
-    /// Replaces names by their places among those met so far.
-    fn place(&mut self, names: &mut Vec<String>) {
-        match self {
+    /// Replaces names by their places among those met so far, and calls by functions.
+    fn settled(self, names: &mut Vec<String>) -> Result<Self, String> {
+        let (function, of) = match self {
+            Self::Number(_) | Self::Value(_) => return Ok(self),
             Self::Name(name) => {
-                let place = names.iter().position(|known| known == name).unwrap_or(names.len());
+                let place = names.iter().position(|known| *known == name).unwrap_or(names.len());
                 if place == names.len() {
-                    names.push(std::mem::take(name));
+                    names.push(name);
                 }
-                *self = Self::Value(place);
+                return Ok(Self::Value(place));
             }
-            Self::Number(_) | Self::Value(_) => {}
-            Self::One(_, of) => of.place(names),
-            Self::Two(_, of) => of.iter_mut().for_each(|part| part.place(names)),
-            Self::Three(_, of) => of.iter_mut().for_each(|part| part.place(names)),
-        }
+            Self::Call(name, of) => (called(&name, of.len())?, of),
+            Self::Apply(function, of) => (function, of),
+        };
+        let of = of.into_iter().map(|part| part.settled(names)).collect::<Result<_, String>>()?;
+        Ok(Self::Apply(function, of))
     }
+}
+
+/// Returns the function of a name, if it takes so many numbers.
+fn called(name: &str, given: usize) -> Result<Function, String> {
+    let Some(function) = FUNCTIONS.iter().find(|function| function.0 == name) else {
+        let all: Vec<&str> = FUNCTIONS.iter().map(|function| function.0).collect();
+        return Err(format!("there is no function '{name}'; there are {}", all.join(", ")));
+    };
+    let taken = match function.1 {
+        Kind::One(_) => 1,
+        Kind::Two(_) => 2,
+        Kind::Three(_) => 3,
+    };
+    let some = if taken == 1 { "number" } else { "numbers" };
+    if given == taken { Ok(*function) } else { Err(format!("'{name}' takes {taken} {some}, {given} given")) }
 }
 
 impl FromStr for Expression {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        let nested = text.bytes().filter(|byte| b"(+-!^".contains(byte)).count();
-        if nested > MOST_NESTED {
-            return Err(format!(
-                "the expression has {nested} brackets, signs and powers; {MOST_NESTED} at most are parsed"
-            ));
+        let count = |bytes: &[u8]| text.bytes().filter(|byte| bytes.contains(byte)).count();
+        let (nested, operators) = (count(b"(+-!^"), count(b"*/<>=&|"));
+        for (found, most, what) in [
+            (nested, MOST_NESTED, "brackets, signs and powers"),
+            (operators, MOST_OPERATORS, "products, quotients, comparisons and joints"),
+        ] {
+            if found > most {
+                return Err(format!("the expression has {found} {what}; {most} at most are parsed"));
+            }
         }
         let parsed = delimited(multispace0, node, multispace0).parse(text).map_err(|e| {
             let (before, behind) = text.split_at(e.offset());
@@ -146,8 +173,8 @@ impl FromStr for Expression {
                 format!("'{text}' is no expression: '{behind}' does not fit behind '{before}'")
             }
         });
-        let (mut root, mut names) = (parsed?, Vec::new());
-        root.place(&mut names);
+        let mut names = Vec::new();
+        let root = parsed?.settled(&mut names)?;
         Ok(Self { text: text.to_owned(), names, root })
     }
 }
@@ -162,8 +189,12 @@ serde_as_text!(Expression);
 
 type Parsed<T> = Result<T, ErrMode<ContextError>>;
 
+fn one(name: &'static str, function: fn(f64) -> f64, a: Node) -> Node {
+    Node::Apply(Function(name, Kind::One(function)), vec![a])
+}
+
 fn two(name: &'static str, function: fn(f64, f64) -> f64, a: Node, b: Node) -> Node {
-    Node::Two(Two(name, function), Box::new([a, b]))
+    Node::Apply(Function(name, Kind::Two(function)), vec![a, b])
 }
 
 /// Parses all that operators join.
@@ -195,9 +226,9 @@ fn node(input: &mut &str) -> Parsed<Node> {
         "^".value(Infix::Right(11, |_: &mut &str, a, b| Ok(two("^", f64::powf, a, b)))),
     ));
     let prefix = alt((
-        '-'.value(Prefix(9, |_: &mut &str, a| Ok(Node::One(One("-", |v| -v), Box::new(a))))),
+        '-'.value(Prefix(9, |_: &mut &str, a| Ok(one("-", |v| -v, a)))),
         '+'.value(Prefix(9, |_: &mut &str, a| Ok(a))),
-        '!'.value(Prefix(9, |_: &mut &str, a| Ok(Node::One(One("!", |v| truth(!is_true(v))), Box::new(a))))),
+        '!'.value(Prefix(9, |_: &mut &str, a| Ok(one("!", |v| truth(!is_true(v)), a)))),
     ));
     expression(delimited(multispace0, operand, multispace0))
         .prefix(preceded(multispace0, prefix))
@@ -217,26 +248,12 @@ fn named(input: &mut &str) -> Parsed<Node> {
     let is_letter = |c: char| c.is_alphabetic() || c == '_';
     let mut name = (one_of(is_letter), take_while(0.., move |c| is_letter(c) || c.is_numeric() || c == '.')).take();
     let name: &str = name.parse_next(input)?;
-    let start = *input;
     if opt(preceded(multispace0, '(')).parse_next(input)?.is_none() {
         return Ok(if name == "pi" { Node::Number(std::f64::consts::PI) } else { Node::Name(name.to_owned()) });
     }
-    let of: Vec<Node> = cut_err(separated(1.., node, ',')).parse_next(input)?;
+    let of = cut_err(separated(1.., node, ',')).parse_next(input)?;
     cut_err(')').parse_next(input)?;
-    let call = match <[Node; 1]>::try_from(of) {
-        Ok([of]) => ONE.iter().find(|one| one.0 == name).map(|one| Node::One(*one, Box::new(of))),
-        Err(of) => match <[Node; 2]>::try_from(of) {
-            Ok(of) => TWO.iter().find(|two| two.0 == name).map(|two| Node::Two(*two, Box::new(of))),
-            Err(of) => <[Node; 3]>::try_from(of).ok().and_then(|of| {
-                THREE.iter().find(|three| three.0 == name).map(|three| Node::Three(*three, Box::new(of)))
-            }),
-        },
-    };
-    if call.is_none() {
-        // What is wrong begins with the brackets.
-        *input = start;
-    }
-    call.ok_or_else(|| ErrMode::Cut(ContextError::new()))
+    Ok(Node::Call(name.to_owned(), of))
 }
 
 #[cfg(test)]
@@ -301,9 +318,10 @@ mod tests {
             ("density density", "'density'"),
             ("2 x", "'x'"),
             ("sin()", "')'"),
-            ("sine(1)", "'(1)'"),
-            ("min(1)", "'(1)'"),
-            ("if(1, 2)", "'(1, 2)'"),
+            ("sine(1)", "no function 'sine'"),
+            ("1 + min(1)", "'min' takes 2 numbers, 1 given"),
+            ("max(if(1, 2), 3)", "'if' takes 3 numbers, 2 given"),
+            ("-sqrt(1, 2)", "'sqrt' takes 1 number, 2 given"),
             ("{density", "ends"),
             ("a = 2", "'= 2'"),
             ("1 $ 2", "'$ 2'"),
@@ -318,6 +336,10 @@ mod tests {
             }
         }
         assert!(format!("{}1{}", "(".repeat(200), ")".repeat(200)).parse::<Expression>().is_ok());
-        assert!("1*".repeat(10_000).parse::<Expression>().unwrap_err().contains("ends"));
+        for operator in ["*", "/", "<", "&&"] {
+            let long = |count: usize| format!("1{}", format!("{operator}1").repeat(count)).parse::<Expression>();
+            assert!(long(60_000).unwrap_err().contains("at most"), "{operator}");
+            assert!(long(1000).unwrap().value(&[]).is_finite(), "{operator}");
+        }
     }
 }

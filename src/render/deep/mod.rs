@@ -174,7 +174,7 @@ impl<'v> Deep<'v> {
             for path in shot.paths {
                 let mut sampler = Sampler::new(shot.seed, shot.pixel, path);
                 // The first set of numbers is that of the ray's place.
-                sampler.stratified();
+                sampler.skip_stratified();
                 events.clear();
                 integrator.draw(&ray.ray, &primary, &mut sampler, scratch, &mut events);
                 events.sort_by(|a, b| a.distance.total_cmp(&b.distance));

@@ -35,7 +35,7 @@ type Numbers<R> = [R; ROOM];
 #[derive(Debug, Clone)]
 pub(super) struct SampleBatch<R: Real> {
     count: usize,
-    /// Lowest corners of the samples' cells along each axis, from the lowest cell of the table of bricks on.
+    /// Lowest corners of the samples' cells along each axis, as [`Places::counted`] has them.
     cell: [[u32; ROOM]; 3],
     /// Coordinates of the samples in their cells, each from 0 to 1.
     at: [Numbers<R>; 3],
@@ -80,7 +80,7 @@ pub(super) struct Sampled<'a, R: Real> {
     pub depth_limit: f64,
 }
 
-/// Places of a ray's samples, in index coordinates that count from the lowest cell of the table of bricks.
+/// Places of a ray's samples, in index coordinates.
 struct Places {
     /// Place of the first sample, and what is gained from one to the next but the last, whose step is cut.
     first: [f64; 3],
@@ -90,26 +90,36 @@ struct Places {
     last_at: f64,
     /// Steps per coordinate gained; 0 along axes across the ray.
     per: [f64; 3],
-    /// The lowest corner of the last cell, and the coordinates of the last brick, along each axis.
-    last_cell: [f64; 3],
-    last_brick: [f64; 3],
+    /// Lowest corners of the first and the last cell along each axis, of those that lie in the field's domain and in the
+    /// table of bricks: on the domain's faces the next brick may be missing.
+    cells: [[f64; 2]; 3],
+    /// Coordinates of the lowest corner of the table's lowest cell.
+    origin: [f64; 3],
 }
 
 impl Places {
     #[inline(always)]
-    fn new(ray: &IndexRay, rule: Uniform, topology: &Topology) -> Self {
-        let bounds = topology.bounds();
-        let edges = (bounds.max - bounds.min).to_array();
+    fn new<R: Real>(ray: &IndexRay, rule: Uniform, field: &Bricks<R>) -> Self {
+        let (bounds, domain) = (field.topology.bounds(), field.domain);
+        let first = domain.min.floor().max(bounds.min);
+        let last = (domain.max.ceil().min(bounds.max) - 1.0).max(first);
         let gain = ray.direction().to_array().map(|d| rule.step * d);
         Self {
-            first: (ray.at(rule.step(0).0) - bounds.min).to_array(),
+            first: ray.at(rule.step(0).0).to_array(),
             gain,
             last: rule.last,
             last_at: (rule.step(rule.last).0 - rule.step(0).0) / rule.step,
             per: gain.map(|g| if g == 0.0 { 0.0 } else { 1.0 / g }),
-            last_cell: edges.map(|e| e - 1.0),
-            last_brick: edges.map(|e| e / CELLS as f64 - 1.0),
+            cells: [0, 1, 2].map(|a| [first[a], last[a]]),
+            origin: bounds.min.to_array(),
         }
+    }
+
+    /// Returns the lowest corner of a cell, counted from the table's lowest cell on.
+    #[inline(always)]
+    fn counted(&self, axis: usize, low: f64) -> u32 {
+        // A whole number then stands in the low bits.
+        (low - self.origin[axis] + f64::ONES).to_bits() as u32
     }
 
     /// Returns the coordinates of the brick that a sample lies in.
@@ -117,7 +127,14 @@ impl Places {
     fn brick(&self, sample: u64) -> [f64; 3] {
         let number = if sample == self.last { self.last_at } else { sample as f64 };
         let at = |a: usize| self.first[a] + number * self.gain[a];
-        [0, 1, 2].map(|a| below(at(a) * (1.0 / CELLS as f64), self.last_brick[a]))
+        let size = CELLS as f64;
+        [0, 1, 2].map(|a| below(at(a) / size, self.cells[a].map(|cell| (cell / size).floor())))
+    }
+
+    /// Returns the lowest corner of a brick's lowest cell, counted as [`Places::counted`] does.
+    #[inline(always)]
+    fn corner(&self, brick: [f64; 3]) -> [u32; 3] {
+        [0, 1, 2].map(|a| self.counted(a, CELLS as f64 * brick[a]))
     }
 
     /// Returns the number of the first sample behind all bricks within a distance, in bricks, of this one, as long as
@@ -133,18 +150,11 @@ impl Places {
     }
 }
 
-/// Returns the greatest whole number up to a coordinate, at least 0 and at most `last`; of a whole number it may be the
-/// one before.
+/// Returns the greatest whole number up to a coordinate, within a range; of a whole number it may be the one before.
 #[inline(always)]
-fn below(coordinate: f64, last: f64) -> f64 {
+fn below(coordinate: f64, [first, last]: [f64; 2]) -> f64 {
     // Adding rounds to the nearest whole number: down, half of one lower.
-    ((coordinate - 0.5 + f64::ONES) - f64::ONES).greater(0.0).lesser(last)
-}
-
-/// Returns a whole number from 0 to 2³² - 1 as one.
-#[inline(always)]
-fn whole(number: f64) -> u32 {
-    (number + f64::ONES).to_bits() as u32
+    ((coordinate - 0.5 + f64::ONES) - f64::ONES).greater(first).lesser(last)
 }
 
 impl<R: Real> Sampled<'_, R> {
@@ -157,14 +167,15 @@ impl<R: Real> Sampled<'_, R> {
         let Some((enter, leave)) = reach.clip(&Ray::new(ray.at(0.0), ray.direction())) else {
             return radiance;
         };
-        let places = Places::new(ray, rule, topology);
+        let places = Places::new(ray, rule, self.field);
         let end = rule.before(leave);
         let mut k = rule.before(enter);
         batch.count = 0;
         while k < end {
             while k < end && batch.count < ENOUGH {
                 let brick = places.brick(k);
-                let entry = topology.entry_of(brick.map(whole));
+                let corner = places.corner(brick);
+                let entry = topology.entry_of(corner.map(|c| c / CELLS as u32));
                 let Some(distance) = self.occupied.clearance_at(entry) else {
                     let next = (k + GROUP as u64).min(end);
                     batch.push(&places, rule, k, (next - k) as usize);
@@ -174,7 +185,7 @@ impl<R: Real> Sampled<'_, R> {
                 let next = places.behind(brick, distance).min(end).max(k + 1);
                 if self.gaps {
                     // Every value of the brick is the background.
-                    batch.push_one(brick.map(|b| whole(CELLS as f64 * b)), R::of(rule.length(k..next)));
+                    batch.push_one(corner, R::of(rule.length(k..next)));
                 }
                 k = next;
             }
@@ -199,12 +210,12 @@ impl<R: Real> SampleBatch<R> {
             (numbers[last], self.length[n + last]) = (places.last_at, R::of(rule.step(rule.last).1));
         }
         for (a, (cell, at)) in self.cell.iter_mut().zip(&mut self.at).enumerate() {
-            let (first, gain, last) = (places.first[a], places.gain[a], places.last_cell[a]);
+            let (first, gain, cells) = (places.first[a], places.gain[a], places.cells[a]);
             for ((cell, at), number) in cell[n..n + GROUP].iter_mut().zip(&mut at[n..n + GROUP]).zip(numbers) {
                 let place = first + number * gain;
-                let low = below(place, last);
+                let low = below(place, cells);
                 *at = R::of(place - low);
-                *cell = whole(low);
+                *cell = places.counted(a, low);
             }
         }
         self.count = n + count;

@@ -206,7 +206,7 @@ impl<I: Integrator> Shoot<'_, '_, I> {
             for path in paths {
                 let mut sampler = Sampler::new(seed, in_whole, path);
                 // The first set of numbers is that of the ray's place.
-                sampler.stratified();
+                sampler.skip_stratified();
                 let mut sample = integrator.li(&ray, &primary, &mut sampler, scratch);
                 if let Some(most) = sampling.clamp {
                     sample.clamp(most, counts);

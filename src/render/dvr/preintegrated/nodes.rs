@@ -337,7 +337,8 @@ impl<R: Real> Divided<R> {
             let width = share.lesser(R::of(CELL_END)) - begin;
             before = share;
             let in_one_cell = queue.roughness[0][j] == R::of(ONE_CELL);
-            let count = i32::from(parts[j]);
+            // A gap between bricks, which ends where the ray enters one, has the background all along.
+            let count = if share > R::ZERO { i32::from(parts[j]) } else { 1 };
             let part = R::ONE / R::int(count);
             for k in 1..=count {
                 let n = chunk.count;
