@@ -93,6 +93,8 @@ struct Places {
     /// Lowest corners of the first and the last cell along each axis, of those that lie in the field's domain and in the
     /// table of bricks: on the domain's faces the next brick may be missing.
     cells: [[f64; 2]; 3],
+    /// The bricks that hold these.
+    bricks: [[f64; 2]; 3],
     /// Coordinates of the lowest corner of the table's lowest cell.
     origin: [f64; 3],
 }
@@ -111,6 +113,7 @@ impl Places {
             last_at: (rule.step(rule.last).0 - rule.step(0).0) / rule.step,
             per: gain.map(|g| if g == 0.0 { 0.0 } else { 1.0 / g }),
             cells: [0, 1, 2].map(|a| [first[a], last[a]]),
+            bricks: [0, 1, 2].map(|a| [first[a], last[a]].map(|cell| (cell / CELLS as f64).floor())),
             origin: bounds.min.to_array(),
         }
     }
@@ -126,15 +129,16 @@ impl Places {
     #[inline(always)]
     fn brick(&self, sample: u64) -> [f64; 3] {
         let number = if sample == self.last { self.last_at } else { sample as f64 };
-        let at = |a: usize| self.first[a] + number * self.gain[a];
-        let size = CELLS as f64;
-        [0, 1, 2].map(|a| below(at(a) / size, self.cells[a].map(|cell| (cell / size).floor())))
+        let along = |a: usize| below((self.first[a] + number * self.gain[a]) / CELLS as f64, self.bricks[a]);
+        // No `map`: it is not always inlined.
+        [along(0), along(1), along(2)]
     }
 
     /// Returns the lowest corner of a brick's lowest cell, counted as [`Places::counted`] does.
     #[inline(always)]
     fn corner(&self, brick: [f64; 3]) -> [u32; 3] {
-        [0, 1, 2].map(|a| self.counted(a, CELLS as f64 * brick[a]))
+        let along = |a: usize| self.counted(a, CELLS as f64 * brick[a]);
+        [along(0), along(1), along(2)]
     }
 
     /// Returns the number of the first sample behind all bricks within a distance, in bricks, of this one, as long as
@@ -175,7 +179,7 @@ impl<R: Real> Sampled<'_, R> {
             while k < end && batch.count < ENOUGH {
                 let brick = places.brick(k);
                 let corner = places.corner(brick);
-                let entry = topology.entry_of(corner.map(|c| c / CELLS as u32));
+                let entry = topology.entry_of([corner[0] >> 3, corner[1] >> 3, corner[2] >> 3]);
                 let Some(distance) = self.occupied.clearance_at(entry) else {
                     let next = (k + GROUP as u64).min(end);
                     batch.push(&places, rule, k, (next - k) as usize);
