@@ -4,9 +4,9 @@
     accuracy_plot.py PEERS_ENV [--rounds 5] [--panel 'transfer function'|paths] [--plot]
 
 Writes `tests/benches/error-against-time.json` and `.svg`, which the README shows; `--panel` measures one of the panels and
-keeps the other, `--plot` draws what the JSON has. Errors are
-root mean squares over the picture, divided by the picture's own. Times are processor time of all threads, medians of
-runs in turn, without start, reading, tables and writing, which are left out as the docstrings below say.
+keeps the other, `--plot` draws what the JSON has. Errors are root mean squares over the picture, divided by the picture's
+own. Times are processor time of all threads, medians of runs in turn, without start, reading, tables and writing, which
+are left out as the docstrings below say.
 
 PEERS_ENV is the environment of `python/peers/requirements-peers.txt`; Blender's is `.venvs/bpy` (`python/setup.sh bpy`), or
 BPY_ENV. Runs under Debian's Python with python3-numpy and python3-openvdb, as `bench.py` does. CUMULO is the program.

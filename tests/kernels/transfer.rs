@@ -497,13 +497,7 @@ fn steps_begin_on_the_faces_of_a_sparse_volume() {
 #[test]
 fn stated_errors_hold_in_front_of_edges() {
     let cube = |p: DVec3| if p.cmpge(DVec3::splat(8.0)).all() && p.cmplt(DVec3::splat(24.0)).all() { 0.9 } else { 0.0 };
-    let set = |field: &mut Bricks<f32>| field.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(39.0) };
-    let mut narrow = field::<f32>(40, unit(), cube);
-    set(&mut narrow);
-    let narrow = narrow.filled(1 << 30).unwrap();
-    let mut wide = field::<f64>(40, unit(), cube);
-    wide.domain = narrow.domain;
-    let wide = wide.filled(1 << 30).unwrap();
+    let (wide, narrow) = (boxed_of::<f64>(40, cube), boxed_of::<f32>(40, cube));
     let mut seen = rays(wide.world_bounds(), 60, 8);
     seen.extend((0..12).map(|i| Ray::new(DVec3::new(9.3 + f64::from(i), 11.7, 90.0), DVec3::NEG_Z)));
     for width in [5e-3, 1.3e-3, 3e-4] {
@@ -567,8 +561,13 @@ fn even(count: usize, [first, last]: [f64; 2], value: impl Fn(usize) -> [f64; 4]
 
 /// A field of 12³ voxels that ends at its outermost voxels.
 fn boxed<R: Real>(value: impl Fn(DVec3) -> f64) -> Bricks<R> {
-    let mut field = field::<R>(12, unit(), value);
-    field.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(11.0) };
+    boxed_of(12, value)
+}
+
+/// A field of as many voxels along each edge that ends at its outermost voxels.
+fn boxed_of<R: Real>(edge: i32, value: impl Fn(DVec3) -> f64) -> Bricks<R> {
+    let mut field = field::<R>(edge, unit(), value);
+    field.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(f64::from(edge - 1)) };
     field.filled(1 << 30).unwrap()
 }
 

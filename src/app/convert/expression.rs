@@ -42,7 +42,7 @@ enum Node {
 #[derive(Debug, Clone, Copy)]
 struct Function(&'static str, Kind);
 
-/// What a function does with one number, two or three.
+/// Arithmetic of one number, of two or of three.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
     One(fn(f64) -> f64),
@@ -119,7 +119,7 @@ impl Node {
     }
 
     /// Replaces names by their places among those met so far, and calls by functions.
-    fn settled(self, names: &mut Vec<String>) -> Result<Self, String> {
+    fn resolved(self, names: &mut Vec<String>) -> Result<Self, String> {
         let (function, of) = match self {
             Self::Number(_) | Self::Value(_) => return Ok(self),
             Self::Name(name) => {
@@ -132,7 +132,7 @@ impl Node {
             Self::Call(name, of) => (called(&name, of.len())?, of),
             Self::Apply(function, of) => (function, of),
         };
-        let of = of.into_iter().map(|part| part.settled(names)).collect::<Result<_, String>>()?;
+        let of = of.into_iter().map(|part| part.resolved(names)).collect::<Result<_, String>>()?;
         Ok(Self::Apply(function, of))
     }
 }
@@ -159,10 +159,12 @@ impl FromStr for Expression {
         let (nested, operators) = (count(b"(+-!^"), count(b"*/<>=&|"));
         for (found, most, what) in [
             (nested, MOST_NESTED, "brackets, signs and powers"),
-            (operators, MOST_OPERATORS, "products, quotients, comparisons and joints"),
+            (operators, MOST_OPERATORS, "products, quotients, comparisons and logical operators"),
         ] {
             if found > most {
-                return Err(format!("the expression has {found} {what}; {most} at most are parsed"));
+                return Err(format!(
+                    "the expression has {found} {what}, {most} at most are parsed: compute a part of it as a grid first"
+                ));
             }
         }
         let parsed = delimited(multispace0, node, multispace0).parse(text).map_err(|e| {
@@ -174,7 +176,7 @@ impl FromStr for Expression {
             }
         });
         let mut names = Vec::new();
-        let root = parsed?.settled(&mut names)?;
+        let root = parsed?.resolved(&mut names)?;
         Ok(Self { text: text.to_owned(), names, root })
     }
 }

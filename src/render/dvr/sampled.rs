@@ -16,6 +16,7 @@ use crate::render::emission_absorption::Radiance;
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Uniform;
 use crate::scene::bricks::{BRICK, Bricks, CELLS, NONE, Topology, slot};
+use glam::DVec3;
 
 /// Samples that are placed together.
 const GROUP: usize = 8;
@@ -90,8 +91,8 @@ struct Places {
     last_at: f64,
     /// Steps per coordinate gained; 0 along axes across the ray.
     per: [f64; 3],
-    /// Lowest corners of the first and the last cell along each axis, of those that lie in the field's domain and in the
-    /// table of bricks: on the domain's faces the next brick may be missing.
+    /// Lowest corners of the first and the last cell along each axis, of those that lie in the field's domain and in
+    /// the table of bricks: on the domain's faces the next brick may be missing.
     cells: [[f64; 2]; 3],
     /// The bricks that hold these.
     bricks: [[f64; 2]; 3],
@@ -103,8 +104,8 @@ impl Places {
     #[inline(always)]
     fn new<R: Real>(ray: &IndexRay, rule: Uniform, field: &Bricks<R>) -> Self {
         let (bounds, domain) = (field.topology.bounds(), field.domain);
-        let first = domain.min.floor().max(bounds.min);
-        let last = (domain.max.ceil().min(bounds.max) - 1.0).max(first);
+        let within = |cell: DVec3| cell.min(bounds.max - 1.0).max(bounds.min);
+        let (first, last) = (within(domain.min.floor()), within(domain.max.ceil() - 1.0));
         let gain = ray.direction().to_array().map(|d| rule.step * d);
         Self {
             first: ray.at(rule.step(0).0).to_array(),
@@ -141,10 +142,10 @@ impl Places {
         [along(0), along(1), along(2)]
     }
 
-    /// Returns the number of the first sample behind all bricks within a distance, in bricks, of this one, as long as
-    /// numbers are not too large.
+    /// Returns the number of the first sample that lies outside of the bricks within a distance, in bricks, of the one
+    /// that the ray is in; at most [`FARTHEST`].
     #[inline(always)]
-    fn behind(&self, brick: [f64; 3], distance: i32) -> u64 {
+    fn first_outside(&self, brick: [f64; 3], distance: i32) -> u64 {
         let leave = |a: usize| {
             let (ahead, way) = if self.gain[a] > 0.0 { (1.0, 1.0) } else { (0.0, -1.0) };
             let plane = CELLS as f64 * (brick[a] + ahead + way * f64::from(distance));
@@ -186,7 +187,7 @@ impl<R: Real> Sampled<'_, R> {
                     k = next;
                     continue;
                 };
-                let next = places.behind(brick, distance).min(end).max(k + 1);
+                let next = places.first_outside(brick, distance).min(end).max(k + 1);
                 if self.gaps {
                     // Every value of the brick is the background.
                     batch.push_one(corner, R::of(rule.length(k..next)));
