@@ -223,6 +223,7 @@ impl fmt::Display for Described {
             Source::Cumulo => "transfer function",
             Source::ParaviewJson => "ParaView preset (JSON)",
             Source::ParaviewXml => "ParaView preset (XML)",
+            Source::LabelTable => "table of labels",
             Source::Vdb => "transfer function of a VDB's grid",
             Source::Builtin => "transfer function by name",
         };

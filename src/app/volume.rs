@@ -11,9 +11,11 @@ use crate::formats::transfer::Function;
 use crate::formats::vdb::{File, shaded};
 use crate::formats::{captures, protected, registry, transfer};
 use crate::scene::bricks::{Bricks, too_large};
-use crate::scene::grid::Grid;
-use crate::scene::transfer::Transfer;
+use crate::scene::grid::{Grid, Leaf};
+use crate::scene::transfer::{Class, MOST_LABEL, Transfer};
 use crate::scene::volume::Grids;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Returns the format of an input: that of its content; of a folder that is no capture, or a pattern, that of the scan
@@ -119,7 +121,8 @@ pub(crate) fn read(
     Ok((grid, function.map(|function| function.transfer)))
 }
 
-/// Reads a fog volume as [`read`] does, and the function with the albedo that it may have.
+/// Reads a fog volume as [`read`] does, and the function with the albedo that it may have. A function of labels has the
+/// classes that the volume has.
 ///
 /// # Errors
 /// If the volume or the transfer function cannot be read or used.
@@ -136,7 +139,70 @@ pub(crate) fn read_with_function(
         Some(function) => Some(function),
         None => transfer::function_from_metadata(&grid.metadata).map_err(named)?,
     };
+    let function = match function {
+        Some(Function { transfer: Transfer::Labels { classes }, albedo }) => {
+            let found = labels_of(&grid).map_err(named)?;
+            Some(Function { transfer: Transfer::Labels { classes: present(classes, &found).map_err(named)? }, albedo })
+        }
+        other => other,
+    };
     Ok((grid, function))
+}
+
+/// Returns the labels of a grid, its background among them.
+///
+/// # Errors
+/// If a value is no label, or there are too many of them.
+fn labels_of(grid: &Grid) -> Result<BTreeSet<i32>> {
+    let of_leaf = |mut found: BTreeSet<i32>, leaf: &Leaf| {
+        let mut last = f32::NAN;
+        for value in leaf.values {
+            if value != last {
+                found.insert(label_of(value)?);
+                last = value;
+            }
+        }
+        Ok(found)
+    };
+    let both = |mut a: BTreeSet<i32>, mut b: BTreeSet<i32>| {
+        a.append(&mut b);
+        Ok(a)
+    };
+    let of_leaves = grid.leaves.par_iter().try_fold(BTreeSet::new, of_leaf).try_reduce(BTreeSet::new, both);
+    let mut found = of_leaves?;
+    for value in grid.tiles.iter().map(|tile| tile.value).chain([grid.background]) {
+        found.insert(label_of(value)?);
+    }
+    Ok(found)
+}
+
+/// Returns the label that a value is.
+fn label_of(value: f32) -> Result<i32> {
+    if value.round() == value && value.abs() <= MOST_LABEL as f32 {
+        return Ok(value as i32);
+    }
+    Err(Error::invalid(format!(
+        "the value {value} is no label: the function is one of labels, which are whole numbers"
+    ))
+    .hint("give a volume of labels, or a function that is none of labels"))
+}
+
+/// Returns the classes whose labels are found.
+///
+/// # Errors
+/// If none is found.
+fn present(classes: Vec<Class>, found: &BTreeSet<i32>) -> Result<Vec<Class>> {
+    let all = [classes.first(), classes.last()].map(|class| class.map_or(0, |class| class.label));
+    let here: Vec<Class> = classes.into_iter().filter(|class| found.contains(&class.label)).collect();
+    if here.is_empty() {
+        let [first, last] = [found.first(), found.last()].map(|label| label.copied().unwrap_or_default());
+        return Err(Error::invalid(format!(
+            "none of the function's labels, {} to {}, is in the volume, whose labels are {first} to {last}",
+            all[0], all[1]
+        ))
+        .hint("give a function of the volume's labels: ⟨tf=labels⟩ has a color for each"));
+    }
+    Ok(here)
 }
 
 /// Arranges a grid for rays that only read it: constant tiles share bricks. With a transfer function values may have

@@ -8,7 +8,8 @@
 //! - `guided` carries it further, for files: models on a grid of blocks, and a feature whose noise is independent of
 //!   the color's, from the frames before and, by a [`Lookahead`], from those that follow.
 //! - `still` gives back to a single picture what was no noise.
-//! - `halves` tells the error of frames that are denoised in two independent halves.
+//! - `halves` tells the error of frames that are denoised in two independent halves, and `kept` gives back what such a
+//!   frame has lost by that.
 //! - `ema` and `svgf` are there to compare with.
 
 mod ahead;
@@ -26,6 +27,7 @@ pub(crate) mod guided;
 mod halves;
 mod history;
 mod illumination;
+mod kept;
 mod lanes;
 mod layout;
 mod learning;
@@ -52,6 +54,7 @@ pub use denoiser::{Denoiser, Method};
 pub use estimate::Estimate;
 pub use frame::{Denoised, Frame};
 pub use halves::{Halves, HalvesEstimate};
+pub use kept::take_back;
 pub use lookahead::Lookahead;
 pub use settings::Settings;
 

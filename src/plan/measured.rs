@@ -2,7 +2,6 @@
 
 use super::depth;
 use crate::error::Result;
-use crate::render::dvr::Dvr;
 use crate::render::scale;
 use crate::scene::bricks::BRICK;
 use crate::scene::camera::Camera;
@@ -56,9 +55,8 @@ impl Measured {
         let densities: Vec<_> = scene.volumes.iter().filter_map(Volume::density).collect();
         let (mut depths, mut bound) = (Vec::new(), 0.0);
         for (field, medium) in &densities {
-            let dvr = Dvr::new(field, medium.densest_channel())?.early_stop(0.0);
             bound += depth::largest(field, medium);
-            depths.push(scale::depths(&dvr, cameras));
+            depths.push(scale::depths(field, medium.densest_channel(), cameras)?);
         }
         // Where several volumes are, the deepest tells more than a sum of percentiles of different rays would.
         let last = |depths: &Vec<f64>| depths.last().copied().unwrap_or_default();

@@ -24,7 +24,6 @@ use crate::scene::camera::Camera;
 use crate::scene::environment::Environment;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::scene::Scene;
-use crate::scene::table::Table;
 use crate::scene::volume::Volume;
 use glam::Vec3;
 use planner::Planner;
@@ -207,7 +206,7 @@ fn darkened(source: &Source, share: Vec3) -> Result<Source> {
             let share = share.as_dvec3();
             let value = |[r, g, b, s]: &[f64; 4]| [r * share.x, g * share.y, b * share.z, *s];
             let values = table.values().iter().map(value).collect();
-            Source::Transfer(Arc::new(Table::new(table.knots().to_vec(), values)?))
+            Source::Transfer(Arc::new(table.with_values(values)?))
         }
     })
 }

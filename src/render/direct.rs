@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::render::film::{self, Aov, Rendered, Sampling, View};
+use crate::render::labels::Labels;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
 use crate::render::tiles::Watch;
@@ -16,18 +17,27 @@ use crate::scene::volume::Volume;
 pub enum DirectRenderer<'a> {
     /// Renderer of a density.
     Density(Composited<Dvr<'a, f32>>),
+    /// Renderer of a volume of labels.
+    Labels(Composited<Labels<'a>>),
     /// Renderer of a pre-shaded volume.
     PreShaded(Composited<Preshaded<'a, f32>>),
 }
 
 impl<'a> DirectRenderer<'a> {
-    /// Creates the renderer of a scene; pre-shaded volumes have a quadrature of their own.
+    /// Creates the renderer of a scene; pre-shaded volumes have a quadrature of their own, and labels need none.
     ///
     /// # Errors
     /// If the scene has not one volume, or its medium cannot be rendered.
     pub fn new(scene: &'a Scene, quadrature: Quadrature) -> Result<Self> {
         let background = scene.environment.radiance;
         match &scene.volumes[..] {
+            [Volume::Density(field, medium)] if medium.labels().is_some() => {
+                if medium.scatters() {
+                    return Err(Error::unsupported("along straight rays labels absorb and emit, the medium scatters")
+                        .hint("set its albedo to 0"));
+                }
+                Ok(Self::Labels(Labels::new(field, medium)?.over(background)))
+            }
             [Volume::Density(field, medium)] => {
                 let medium = medium.simplified(f32::EPSILON.into());
                 Ok(Self::Density(Dvr::new(field, medium)?.quadrature(quadrature).over(background)))
@@ -45,7 +55,7 @@ impl<'a> DirectRenderer<'a> {
     /// Returns the default quadrature of a scene.
     pub fn usual_quadrature(scene: &Scene) -> Quadrature {
         match &scene.volumes[..] {
-            [Volume::Density(_, medium)] => Quadrature::usual(&medium.source),
+            [Volume::Density(_, medium)] if medium.labels().is_none() => Quadrature::usual(&medium.source),
             _ => Quadrature::Exact,
         }
     }
@@ -55,17 +65,18 @@ impl<'a> DirectRenderer<'a> {
     pub fn early_stop(self, transmittance: f64) -> Self {
         match self {
             Self::Density(light) => Self::Density(light.with(|dvr| dvr.early_stop(transmittance))),
+            Self::Labels(light) => Self::Labels(light.with(|labels| labels.early_stop(transmittance))),
             Self::PreShaded(light) => Self::PreShaded(light.with(|volume| volume.early_stop(transmittance))),
         }
     }
 
-    /// Allows exact quadrature this radiance error a piece, in units of the brightest color; pre-shaded volumes have a
-    /// quadrature of their own, which stays as it is.
+    /// Allows exact quadrature this radiance error a piece, in units of the brightest color; the quadrature of
+    /// pre-shaded volumes stays as it is.
     #[must_use]
     pub fn tolerance(self, tolerance: f64) -> Self {
         match self {
             Self::Density(light) => Self::Density(light.with(|dvr| dvr.tolerance(tolerance))),
-            Self::PreShaded(_) => self,
+            Self::Labels(_) | Self::PreShaded(_) => self,
         }
     }
 
@@ -73,6 +84,7 @@ impl<'a> DirectRenderer<'a> {
     pub fn left_out(&self) -> f64 {
         match self {
             Self::Density(dvr) => dvr.left_out(),
+            Self::Labels(labels) => labels.left_out(),
             Self::PreShaded(volume) => volume.left_out(),
         }
     }
@@ -82,6 +94,7 @@ impl<'a> DirectRenderer<'a> {
     pub fn unit(&self) -> f64 {
         match self {
             Self::Density(dvr) => dvr.unit(),
+            Self::Labels(labels) => labels.unit(),
             Self::PreShaded(volume) => volume.unit(),
         }
     }
@@ -90,6 +103,8 @@ impl<'a> DirectRenderer<'a> {
     pub fn quadrature_error(&self) -> Option<f64> {
         match self {
             Self::Density(dvr) => dvr.quadrature_error(),
+            // Their light has a closed form.
+            Self::Labels(_) => Some(0.0),
             Self::PreShaded(_) => None,
         }
     }
@@ -104,6 +119,7 @@ impl<'a> DirectRenderer<'a> {
     ) -> Option<Rendered> {
         match self {
             Self::Density(dvr) => film::render(dvr, view, sampling, aovs, watch),
+            Self::Labels(labels) => film::render(labels, view, sampling, aovs, watch),
             Self::PreShaded(volume) => film::render(volume, view, sampling, aovs, watch),
         }
     }

@@ -24,6 +24,7 @@ pub(crate) mod gauss;
 pub(crate) mod gradient;
 pub(crate) mod index_ray_gradient;
 pub mod integrator;
+pub mod labels;
 pub(crate) mod majorant;
 pub(crate) mod march;
 pub mod order;

@@ -39,6 +39,7 @@ impl Renderer<'_> {
     pub fn deep<'w>(&self, picture: &Deep<'_>, rows: Range<usize>, watch: impl Into<Watch<'w>>) -> Option<DeepRows> {
         match self {
             Self::Direct(DirectRenderer::Density(density)) => picture.rows(density, rows, watch),
+            Self::Direct(DirectRenderer::Labels(labels)) => picture.rows(labels, rows, watch),
             Self::Direct(DirectRenderer::PreShaded(volume)) => picture.rows(volume, rows, watch),
             Self::Shaded(shaded) => picture.rows(shaded, rows, watch),
             Self::Paths(paths) => picture.rows(paths, rows, watch),

@@ -1,8 +1,10 @@
 //! A density scale at which a volume's pictures neither vanish nor go black.
 
 use crate::cancel::Cancel;
+use crate::error::Result;
 use crate::render::dvr::Dvr;
 use crate::render::emission_absorption::EmissionAbsorption;
+use crate::render::labels::Labels;
 use crate::render::tiles;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -19,8 +21,7 @@ const PIXELS: u32 = 64;
 /// the optical depth, over the pixels of all cameras that meet any density, is 3. About 64 pixels along the shorter
 /// edge of each picture are sampled. `None` if no pixel meets anything.
 pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -> Option<f64> {
-    let dvr = Dvr::new(field, Medium::new(1.0, source.clone())).ok()?.early_stop(0.0);
-    let depths = depths(&dvr, cameras);
+    let depths = depths(field, Medium::new(1.0, source.clone()), cameras).ok()?;
     let depth = depths.get((depths.len().saturating_sub(1) as f64 * SHARE).round() as usize)?;
     let scale = DEPTH / *depth;
     scale.is_finite().then_some(scale)
@@ -28,7 +29,17 @@ pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -
 
 /// Returns the optical depths that the pixels of all cameras see where they see any, in ascending order. About 64
 /// pixels along the shorter edge of each picture are sampled.
-pub(crate) fn depths<I: EmissionAbsorption>(integrator: &I, cameras: &[Camera]) -> Vec<f64> {
+///
+/// # Errors
+/// If the medium cannot be used.
+pub(crate) fn depths(field: &Bricks<f32>, medium: Medium, cameras: &[Camera]) -> Result<Vec<f64>> {
+    Ok(match medium.labels() {
+        Some(_) => depths_along(&Labels::new(field, &medium)?.early_stop(0.0), cameras),
+        None => depths_along(&Dvr::new(field, medium)?.early_stop(0.0), cameras),
+    })
+}
+
+fn depths_along<I: EmissionAbsorption>(integrator: &I, cameras: &[Camera]) -> Vec<f64> {
     let of_camera = |scratch: &mut I::Scratch, camera: &Camera| {
         let stride = (camera.width.min(camera.height) / PIXELS).max(1);
         let rows = (stride / 2..camera.height).step_by(stride as usize);

@@ -137,6 +137,14 @@ impl Medium {
         Ok(Self { source, albedo_function, ..self })
     }
 
+    /// Returns the transfer function if it is one of labels.
+    pub fn labels(&self) -> Option<&Table> {
+        match &self.source {
+            Source::Transfer(table) if table.is_categorical() => Some(table),
+            _ => None,
+        }
+    }
+
     /// Returns the medium without the knots of its transfer function that change it by at most `tolerance` times each
     /// channel's peak.
     #[must_use]

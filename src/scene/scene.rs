@@ -34,6 +34,11 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// True if a volume is one of labels.
+    pub fn has_labels(&self) -> bool {
+        self.volumes.iter().filter_map(Volume::density).any(|(_, medium)| medium.labels().is_some())
+    }
+
     /// Returns the scene that the pictures of a capture show, of a volume with these grids.
     ///
     /// # Errors

@@ -12,6 +12,8 @@ pub type Rgbs = [f64; 4];
 pub struct Table {
     knots: Vec<f64>,
     values: Vec<Rgbs>,
+    /// True if densities are labels, between which there are none.
+    categorical: bool,
 }
 
 /// Derivatives of a loss with respect to a table's pieces, or a tangent of the pieces ([`Table::tangent`]).
@@ -56,13 +58,32 @@ impl Table {
                 )));
             }
         }
-        Ok(Self { knots, values })
+        Ok(Self { knots, values, categorical: false })
+    }
+
+    /// Returns the function as one of labels: volumes are looked up at the nearest voxel, and not interpolated.
+    #[must_use]
+    pub fn of_labels(self) -> Self {
+        Self { categorical: true, ..self }
+    }
+
+    /// True if densities are labels.
+    pub fn is_categorical(&self) -> bool {
+        self.categorical
+    }
+
+    /// Returns the function with other values at its knots.
+    ///
+    /// # Errors
+    /// If there is not one for each knot, or one cannot be used.
+    pub fn with_values(&self, values: Vec<Rgbs>) -> Result<Self> {
+        Ok(Self { categorical: self.categorical, ..Self::new(self.knots.clone(), values)? })
     }
 
     /// Returns the same function of densities that are differences to a reference.
     #[must_use]
     pub(crate) fn relative_to(&self, reference: f64) -> Self {
-        Self { knots: self.knots.iter().map(|knot| knot - reference).collect(), values: self.values.clone() }
+        Self { knots: self.knots.iter().map(|knot| knot - reference).collect(), ..self.clone() }
     }
 
     /// Densities of the knots, ascending.
@@ -211,7 +232,7 @@ impl Table {
     #[must_use]
     pub fn without_color(&self) -> Self {
         let values = self.values.iter().map(|[.., extinction]| [0.0, 0.0, 0.0, *extinction]).collect();
-        Self { knots: self.knots.clone(), values }
+        Self { values, ..self.clone() }
     }
 
     /// Removes knots that change the table by at most `tolerance` times each channel's peak.
@@ -252,6 +273,7 @@ impl Table {
         Self {
             knots: kept.iter().map(|i| self.knots[*i]).collect(),
             values: kept.iter().map(|i| self.values[*i]).collect(),
+            ..*self
         }
     }
 }

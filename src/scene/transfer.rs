@@ -39,6 +39,25 @@ pub enum Transfer {
         #[serde(alias = "colour")]
         color: [f64; 3],
     },
+    /// One color and extinction for each of some labels, which are whole numbers; all other labels are clear. Volumes
+    /// are looked up at the nearest voxel.
+    Labels {
+        /// Classes of ascending labels.
+        classes: Vec<Class>,
+    },
+}
+
+/// A class of voxels with one label.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Class {
+    /// Label of the class.
+    pub label: i32,
+    /// Name of the class; empty if it has none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub name: String,
+    /// Red, green, blue and extinction.
+    pub rgbs: Rgbs,
 }
 
 /// A Gaussian lobe, `rgbs · exp(-(d - mean)² / (2 e^{2 ln_width}))`.
@@ -57,6 +76,8 @@ pub struct Lobe {
 const GAUSSIAN_CELLS: usize = 512;
 /// Largest number of texels, points or lobes: two for each 16-bit value.
 const MOST: usize = 1 << 17;
+/// Largest label, to either side of 0, between which and the next single precision knows a half.
+pub const MOST_LABEL: u32 = 1 << 22;
 
 impl Lobe {
     /// Value of the lobe at a density relative to its peak, and the derivatives with respect to mean and logarithmic
@@ -81,6 +102,7 @@ impl Transfer {
             Self::Piecewise { points } => points.len(),
             Self::Gaussians { lobes, .. } => lobes.len(),
             Self::Identity { .. } => 1,
+            Self::Labels { classes } => classes.len(),
         };
         if !(1..=MOST).contains(&count) {
             return Err(Error::invalid(format!("a transfer function of {count} entries: 1 to {MOST} can be used")));
@@ -97,6 +119,17 @@ impl Transfer {
         {
             return Err(Error::invalid(format!("an identity from density {low} on: extinction cannot be negative")));
         }
+        if let Self::Labels { classes } = &self {
+            if let Some(pair) = classes.windows(2).find(|pair| pair[1].label <= pair[0].label) {
+                let [before, after] = [pair[0].label, pair[1].label];
+                return Err(Error::invalid(format!("label {after} comes after {before}: labels must ascend")));
+            }
+            let far = |class: &&Class| class.label.unsigned_abs() > MOST_LABEL;
+            if let Some(class) = classes.iter().find(far) {
+                let error = format!("label {} is beyond {MOST_LABEL}: single precision cannot tell it", class.label);
+                return Err(Error::unsupported(error));
+            }
+        }
         if let Self::Gaussians { lobes, .. } = &self
             && let Some(lobe) = lobes.iter().find(|l| !(l.mean.is_finite() && l.ln_width.abs() < 100.0))
         {
@@ -107,6 +140,11 @@ impl Transfer {
         }
         self.table()?;
         Ok(self)
+    }
+
+    /// True if the function is one of labels.
+    pub fn is_of_labels(&self) -> bool {
+        matches!(self, Self::Labels { .. })
     }
 
     /// Piecewise linear form of the function, which renderers use.
@@ -131,6 +169,11 @@ impl Transfer {
                 (knots, values)
             }
             Self::Identity { domain, color: [r, g, b] } => (domain.to_vec(), domain.map(|d| [*r, *g, *b, d]).to_vec()),
+            Self::Labels { classes } => {
+                let value = |class: Option<usize>| class.map_or([0.0; 4], |class| classes[class].rgbs);
+                let (knots, values) = label_knots(classes).map(|(knot, class)| (knot, value(class))).unzip();
+                return Ok(Table::new(knots, values)?.of_labels());
+            }
         };
         Table::new(knots, values)
     }
@@ -166,6 +209,9 @@ impl Transfer {
                 lobes.iter().enumerate().flat_map(one).collect()
             }
             Self::Identity { color, .. } => four("color", 0, color),
+            Self::Labels { classes } => {
+                classes.iter().enumerate().flat_map(|(i, class)| four("class", i, &class.rgbs)).collect()
+            }
         }
     }
 
@@ -185,6 +231,7 @@ impl Transfer {
                 l.rgbs.iter_mut().for_each(&mut set);
             }),
             Self::Identity { color, .. } => color.iter_mut().for_each(&mut set),
+            Self::Labels { classes } => classes.iter_mut().flat_map(|class| &mut class.rgbs).for_each(&mut set),
         }
         all
     }
@@ -224,6 +271,12 @@ impl Transfer {
                 let [r, g, b] = std::array::from_fn(|_| next());
                 values.fill([r, g, b, 0.0]);
             }
+            Self::Labels { classes } => {
+                let by: Vec<Rgbs> = classes.iter().map(|_| std::array::from_fn(|_| next())).collect();
+                for (value, (_, class)) in values.iter_mut().zip(label_knots(classes)) {
+                    *value = class.map_or([0.0; 4], |class| by[class]);
+                }
+            }
         }
         Ok(table.tangent(&knots, &values))
     }
@@ -257,8 +310,32 @@ impl Transfer {
                 lobes.iter().flat_map(of).collect()
             }
             Self::Identity { .. } => (0..3).map(|c| by_value.iter().map(|v| v[c]).sum()).collect(),
+            Self::Labels { classes } => {
+                let mut all = vec![0.0; 4 * classes.len()];
+                for (by, (_, class)) in by_value.iter().zip(label_knots(classes)) {
+                    let Some(class) = class else { continue };
+                    all[4 * class..][..4].iter_mut().zip(by).for_each(|(all, by)| *all += by);
+                }
+                all
+            }
         })
     }
+}
+
+/// Returns the knots of the steps between classes, each with the number of the class whose values it has; `None` between
+/// labels that do not follow each other.
+fn label_knots(classes: &[Class]) -> impl Iterator<Item = (f64, Option<usize>)> {
+    let follows = |i: usize| {
+        let [this, next] = [classes.get(i), classes.get(i + 1)].map(|class| class.map(|class| class.label));
+        next.is_some() && next == this.map(|label| label + 1)
+    };
+    classes.iter().enumerate().flat_map(move |(i, class)| {
+        let [low, high] = [-0.5, 0.5].map(|half| f64::from(class.label) + half);
+        // A step is two knots: that above the last of two labels in turn is the one below the next.
+        let begin = [(!(i > 0 && follows(i - 1))).then_some((low, None)), Some((low, Some(i)))];
+        let end = [Some((high, Some(i))), (!follows(i)).then_some((high, None))];
+        begin.into_iter().chain(end).flatten()
+    })
 }
 
 /// Knots of a tabulated sum of Gaussians over a domain, and the least standard deviation of a lobe.
@@ -287,7 +364,29 @@ mod tests {
                 ],
             },
             Transfer::Identity { domain: [0.0, 2.0], color: [0.3, 0.6, 0.9] },
+            Transfer::Labels { classes: vec![class(-1), class(0), class(2)] },
         ]
+    }
+
+    fn class(label: i32) -> Class {
+        let v = 0.3 + 0.2 * f64::from(label);
+        Class { label, name: String::new(), rgbs: [v, 0.5 * v, 1.0 - v, 2.0 + v] }
+    }
+
+    #[test]
+    fn labels_have_their_values_and_others_are_clear() {
+        let transfer = Transfer::Labels { classes: vec![class(-1), class(0), class(2)] }.checked().unwrap();
+        let table = transfer.table().unwrap();
+        assert!(table.is_categorical() && table.simplified(0.0).is_categorical());
+        assert_eq!(table.knots(), [-1.5, -1.5, -0.5, -0.5, 0.5, 0.5, 1.5, 1.5, 2.5, 2.5]);
+        for label in -3..5 {
+            let wanted = if [-1, 0, 2].contains(&label) { class(label).rgbs } else { [0.0; 4] };
+            assert_eq!(table.at(f64::from(label)), wanted, "{label}");
+            assert_eq!(table.at(f64::from(label) + 0.4), wanted, "{label}");
+        }
+        for bad in [vec![class(2), class(2)], vec![class(3), class(-7)], vec![class(1 << 23)], vec![]] {
+            assert!(Transfer::Labels { classes: bad }.checked().is_err());
+        }
     }
 
     /// A loss with known derivatives with respect to the pieces: a weighted sum of samples of the table.

@@ -199,6 +199,7 @@ fn transfer_range(t: &Transfer) -> [f64; 2] {
             *domain
         }
         Transfer::Piecewise { points } => [points[0][0], points[points.len() - 1][0]],
+        Transfer::Labels { classes } => [0, classes.len() - 1].map(|i| classes[i].label.into()),
     }
 }
 

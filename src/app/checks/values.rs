@@ -24,9 +24,13 @@ enum Misfit {
 
 /// Returns a warning if the values of a field and the range of its function, in this unit, do not meet, or nearly so.
 pub(crate) fn unmet(field: &Bricks<f32>, transfer: &Transfer, unit: &str) -> Option<Warning> {
+    if transfer.is_of_labels() {
+        return None;
+    }
     let values = field.seen_range();
     let range @ [first, last] = transfer::range(transfer);
     let misfit = misfit(values, range)?;
+    let widest = values[0].abs().max(values[1].abs());
     let [low, high] = values.map(|value| (value as f32).to_string());
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
     let values = format!("the volume's values, {low} to {high},");
@@ -38,6 +42,9 @@ pub(crate) fn unmet(field: &Bricks<f32>, transfer: &Transfer, unit: &str) -> Opt
             format!("{function}, covers {} of that of {}", percent(share), values.trim_end_matches(','))
         }
     };
+    // What is symmetric about 0 stays so.
+    let [low, high] =
+        if first == -last { [-widest, widest].map(|value| (value as f32).to_string()) } else { [low, high] };
     let remedy = format!("⟨tf_range={low},{high}⟩ moves the function to the values, unless both have one unit");
     Some(Warning::new(what, remedy))
 }

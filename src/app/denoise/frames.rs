@@ -11,7 +11,7 @@ use crate::app::Context;
 use crate::app::context::Stage;
 use crate::app::provenance::Provenance;
 use crate::cancel::Cancel;
-use crate::denoise::{Denoised, Estimate, Halves, HalvesEstimate, Settings, still};
+use crate::denoise::{Denoised, Estimate, Halves, HalvesEstimate, Settings, still, take_back};
 use crate::error::{Error, Kind, Result};
 use crate::formats::exr::Document;
 use std::collections::BTreeSet;
@@ -188,10 +188,11 @@ impl Sequence<'_> {
                     }
                     if self.settings.halves
                         && keep
-                        && let ([a, b], [da, db]) = (&view.layers[..], &denoised[..])
+                        && let ([a, b], [da, db]) = (&view.layers[..], &mut denoised[..])
                     {
-                        let halves =
-                            Halves { size: view.size, noisy: [&a.color, &b.color], denoised: [&da.color, &db.color] };
+                        let noisy = [&a.color[..], &b.color[..]];
+                        take_back(view.size, noisy, [&mut da.color, &mut db.color]);
+                        let halves = Halves { size: view.size, noisy, denoised: [&da.color, &db.color] };
                         done.by_halves.0.add(HalvesEstimate::of(halves)?);
                         // Views are the same frame.
                         done.by_halves.1 += usize::from(views.is_empty());

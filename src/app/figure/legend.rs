@@ -51,7 +51,7 @@ impl Legend {
             Transfer::Texture { domain, .. }
             | Transfer::Gaussians { domain, .. }
             | Transfer::Identity { domain, .. } => *domain,
-            Transfer::Piecewise { .. } => {
+            Transfer::Piecewise { .. } | Transfer::Labels { .. } => {
                 [0, table.knots().len() - 1].map(|i| table.knots().get(i).copied().unwrap_or_default())
             }
         };

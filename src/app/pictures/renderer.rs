@@ -2,7 +2,7 @@
 
 use super::settings::PictureSettings;
 use crate::cancel::Cancel;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::plan::{Effect, Integrator, Plan, Planned, Request, State};
 use crate::render::direct::DirectRenderer;
 use crate::render::film::Sampling;
@@ -83,11 +83,22 @@ impl PictureSettings {
             }
             None => {
                 let (quadrature, early_stop) = (self.quadrature(scene), self.early_stop);
+                if quadrature != Quadrature::Exact && scene.has_labels() {
+                    return Err(Error::invalid("⟨quadrature⟩ has no effect: the light of labels has a closed form")
+                        .hint("leave it out"));
+                }
                 match self.shade {
                     Some(shading) => {
-                        let step = quadrature.step().unwrap_or(SHADED_STEP);
-                        let shaded = Shaded::of_scene(scene, (shading, self.scattering.gradient_scale), step)?;
-                        Renderer::Shaded(shaded.with(|shaded| shaded.early_stop(early_stop)))
+                        let (shading, step) = ((shading, self.scattering.gradient_scale), quadrature.step());
+                        match DirectRenderer::new(scene, quadrature) {
+                            Ok(DirectRenderer::Labels(labels)) => {
+                                Renderer::Direct(DirectRenderer::Labels(labels.shaded(shading)?).early_stop(early_stop))
+                            }
+                            _ => {
+                                let shaded = Shaded::of_scene(scene, shading, step.unwrap_or(SHADED_STEP))?;
+                                Renderer::Shaded(shaded.with(|shaded| shaded.early_stop(early_stop)))
+                            }
+                        }
                     }
                     None => Renderer::Direct(DirectRenderer::new(scene, quadrature)?.early_stop(early_stop)),
                 }
@@ -118,8 +129,8 @@ impl PictureSettings {
     /// Returns the quadrature along straight rays.
     pub(crate) fn quadrature(&self, scene: &Scene) -> Quadrature {
         self.quadrature.unwrap_or_else(|| match self.shade {
-            Some(_) => Quadrature::Midpoint(SHADED_STEP),
-            None => DirectRenderer::usual_quadrature(scene),
+            Some(_) if !scene.has_labels() => Quadrature::Midpoint(SHADED_STEP),
+            _ => DirectRenderer::usual_quadrature(scene),
         })
     }
 

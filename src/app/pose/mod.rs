@@ -24,6 +24,7 @@ use crate::inverse::pose::pyramid::levels;
 use crate::inverse::pose::search::{PoseEstimate, Request, UNEXPLAINED, solve};
 use crate::math::Aabb;
 use crate::render::direct::DirectRenderer;
+use crate::render::labels::not_differentiated;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -279,6 +280,7 @@ impl PoseSettings {
                 let exact = || dvr.clone().with(|dvr| dvr.quadrature(Quadrature::Exact));
                 (Colors::from_medium(&shown.medium()?, shown.background), has_reference.then(exact))
             }
+            DirectRenderer::Labels(_) => return Err(not_differentiated()),
             DirectRenderer::PreShaded(_) => (Colors::apart(), None),
         };
         let request = Request { colors: &colors, centre, iterations: self.iterations, solve_focal: self.solve_focal };
@@ -289,6 +291,7 @@ impl PoseSettings {
         let tick = || bar.inc(1);
         let poses = match renderer {
             DirectRenderer::Density(dvr) => solve(dvr, reference.as_ref(), targets, &request, &task.stop(), &tick),
+            DirectRenderer::Labels(_) => return Err(not_differentiated()),
             DirectRenderer::PreShaded(volume) => solve(volume, None, targets, &request, &task.stop(), &tick),
         };
         let seconds = begun.elapsed().as_secs_f64();

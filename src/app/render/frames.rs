@@ -378,7 +378,8 @@ impl Sequence<'_> {
 
     /// Says why nothing is to be seen, if that is so.
     fn note_nothing(&self, context: &Context) {
-        let function = self.shot.as_ref().is_some_and(|shot| shot.capture.transfer.is_some());
+        let transfer = self.shot.as_ref().and_then(|shot| shot.capture.transfer.as_ref());
+        let function = transfer.is_some_and(|transfer| !transfer.is_of_labels());
         let plan = self.shot.as_ref().and_then(|shot| shot.plan.as_ref());
         for remark in self.visibility.remarks(function, plan) {
             context.note(format!("remark: {remark}"));

@@ -334,7 +334,8 @@ impl Views<'_> {
         let subject = (&renderer, &scene, plan.as_ref());
         let (counts, errors, bound) = self.all(left, subject, (deadline, &visibility), context)?;
         folder.commit()?;
-        for remark in visibility.remarks(self.capture.transfer.is_some(), plan.as_ref()) {
+        let function = self.capture.transfer.as_ref().is_some_and(|transfer| !transfer.is_of_labels());
+        for remark in visibility.remarks(function, plan.as_ref()) {
             context.note(format!("remark: {remark}"));
             self.remarks.push(remark);
         }

@@ -15,6 +15,7 @@ use crate::render::direct::DirectRenderer;
 use crate::render::dvr::Dvr;
 use crate::render::emission_absorption::EmissionAbsorption;
 use crate::render::film::Sampling;
+use crate::render::labels::Labels;
 use crate::render::quadrature::Quadrature;
 use crate::render::{scale, tiles};
 use crate::scene::bricks::{Bricks, too_large};
@@ -110,14 +111,11 @@ impl Subject {
 
     /// Optical depths at unit density scale of [`PROBES`] x [`PROBES`] rays over a picture, row by row.
     fn depths(&self, camera: &Camera) -> Option<Vec<f64>> {
-        let dvr = Dvr::new(&self.field, Medium::new(1.0, self.source.clone())).ok()?.early_stop(0.0);
-        let place = |i: usize, size: u32| (i as f64 + 0.5) / PROBES as f64 * f64::from(size);
-        let rows: Vec<usize> = (0..PROBES).collect();
-        let row = |scratch: &mut _, y: &usize| {
-            let ray = |x: usize| camera.ray(place(x, camera.width), place(*y, camera.height));
-            (0..PROBES).map(|x| dvr.integrate(&ray(x), scratch).depth).collect::<Vec<f64>>()
-        };
-        tiles::map(&rows, &Cancel::NEVER, Default::default, row).map(|rows| rows.concat())
+        let medium = Medium::new(1.0, self.source.clone());
+        match medium.labels() {
+            Some(_) => depths(&Labels::new(&self.field, &medium).ok()?.early_stop(0.0), camera),
+            None => depths(&Dvr::new(&self.field, medium).ok()?.early_stop(0.0), camera),
+        }
     }
 
     /// Returns the extinction per unit of density for a camera: that of the settings, or the one at which the picture
@@ -145,6 +143,17 @@ impl Subject {
         let rendered = renderer.render(camera, Sampling::grid(RAYS), &[], cancel);
         Ok(rendered.ok_or_else(Error::cancelled)?.film)
     }
+}
+
+/// Returns the optical depths of [`PROBES`] x [`PROBES`] rays over a picture, row by row.
+fn depths<I: EmissionAbsorption>(integrator: &I, camera: &Camera) -> Option<Vec<f64>> {
+    let place = |i: usize, size: u32| (i as f64 + 0.5) / PROBES as f64 * f64::from(size);
+    let rows: Vec<usize> = (0..PROBES).collect();
+    let row = |scratch: &mut I::Scratch, y: &usize| {
+        let ray = |x: usize| camera.ray(place(x, camera.width), place(*y, camera.height));
+        (0..PROBES).map(|x| integrator.integrate(&ray(x), scratch).depth).collect::<Vec<f64>>()
+    };
+    tiles::map(&rows, &Cancel::NEVER, I::Scratch::default, row).map(|rows| rows.concat())
 }
 
 /// Maps the components of a value to a density.

@@ -33,7 +33,6 @@ use crate::scene::capture::{Capture, Frame, Model};
 use crate::scene::film::Film;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::sphere::{self, Sphere};
-use crate::scene::table::Table;
 use crate::scene::transfer::Transfer;
 use crate::scene::up::Up;
 use glam::DVec3;
@@ -498,7 +497,7 @@ fn opaque(medium: Medium) -> Result<Medium> {
         Source::Grey(_) | Source::Linear(_) => Source::Grey([0.0; 3]),
         Source::Transfer(table) => {
             let values = table.values().iter().map(|v| [1.0, 1.0, 1.0, v[3]]).collect();
-            Source::Transfer(Arc::new(Table::new(table.knots().to_vec(), values)?.simplified(0.0)))
+            Source::Transfer(Arc::new(table.with_values(values)?.simplified(0.0)))
         }
     };
     Ok(Medium { source, ..medium })

@@ -153,7 +153,7 @@ impl TransferPrior {
                 let (value, derivatives) = self.evaluate(&values, unit);
                 (value, derivatives.into_iter().flat_map(|[r, g, b, s]| [0.0, r, g, b, s]).collect())
             }
-            Transfer::Gaussians { .. } | Transfer::Identity { .. } => {
+            Transfer::Gaussians { .. } | Transfer::Identity { .. } | Transfer::Labels { .. } => {
                 return Err(Error::unsupported("a smoothness prior needs a transfer function of texels or points")
                     .hint("this one is smooth by its kind: leave the prior out"));
             }

@@ -114,7 +114,8 @@ fn hsv_of_rgb([r, g, b]: Rgb) -> Rgb {
     [(sixth / 6.0).rem_euclid(1.0), range / high, high]
 }
 
-fn rgb_of_hsv([hue, saturation, value]: Rgb) -> Rgb {
+/// Converts hue, saturation and value to RGB.
+pub(super) fn rgb_of_hsv([hue, saturation, value]: Rgb) -> Rgb {
     // Each channel is full for a third of the circle around its own hue, and ramps for a sixth on either side.
     [0.0, 1.0 / 3.0, 2.0 / 3.0].map(|own| {
         let distance = (hue - own + 0.5).rem_euclid(1.0) - 0.5;

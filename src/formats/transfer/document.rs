@@ -162,8 +162,8 @@ pub(super) fn function(object: &Object) -> Result<Function> {
     })?;
     let transfer: Transfer = serde_json::from_str(raw.get()).map_err(|e| {
         Error::invalid(format!("'transfer' cannot be used: {e}")).hint(
-            "its 'kind' is texture (domain, texels), piecewise (points), gaussians (domain, lobes) or identity \
-             (domain, color)",
+            "its 'kind' is texture (domain, texels), piecewise (points), gaussians (domain, lobes), identity (domain, \
+             color) or labels (classes)",
         )
     })?;
     let transfer = transfer.checked().map_err(|e| e.part("'transfer'").hint(ENTRIES))?;

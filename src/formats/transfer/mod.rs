@@ -1,4 +1,4 @@
-//! Transfer functions in files: Cumulo's `.tf.json`, ParaView's presets, and the metadata of a VDB.
+//! Transfer functions in files: Cumulo's `.tf.json`, ParaView's presets, tables of labels, and the metadata of a VDB.
 //!
 //! Cumulo's format is `{"format": "cumulo-transfer-function", "version": 1, "name": …, "transfer": {"kind": …},
 //! "provenance": {…}}`, where `transfer` is a serialised [`Transfer`]: densities, scene-linear radiances of the source,
@@ -15,6 +15,8 @@
 //!   finite, α above `MOST_OPACITY` counts as that.
 //! - Without opacities, extinction rises linearly from 0 at the first color to [`Options::extinction`] at the last.
 //!
+//! Tables of labels as text are those of FreeSurfer, 3D Slicer and ITK-SNAP.
+//!
 //! Some functions are chosen by name, without a file: see `builtins`.
 //!
 //! A VDB grid carries a transfer function as the text of Cumulo's JSON under the key [`METADATA_KEY`].
@@ -23,6 +25,7 @@ mod builtin;
 mod carried;
 mod color;
 mod document;
+mod label_table;
 mod opacity;
 mod paraview;
 mod paraview_json;
@@ -75,6 +78,8 @@ pub enum Source {
     ParaviewJson,
     /// ParaView presets in XML.
     ParaviewXml,
+    /// Table of labels and colors as text.
+    LabelTable,
     /// Metadata of a grid in a VDB.
     Vdb,
     /// None: a function that is chosen by its name.
@@ -209,6 +214,7 @@ fn parse(bytes: &[u8], options: &Options) -> Result<Loaded> {
         }
         Some(b'[') => paraview_json::load(document::objects(text, options.limits)?, options),
         Some(b'<') => paraview_xml::load(text, options),
+        Some(_) if label_table::is_table(text) => label_table::load(text, options),
         Some(_) => Err(unknown("neither JSON nor XML nor a VDB")),
         None => Err(unknown("empty")),
     }
@@ -216,7 +222,10 @@ fn parse(bytes: &[u8], options: &Options) -> Result<Loaded> {
 
 fn unknown(what: &str) -> Error {
     Error::unsupported(format!("no transfer function: it is {what}"))
-        .hint("a .tf.json, a color map preset of ParaView (JSON or XML), or a VDB that carries one is expected")
+        .hint(
+        "a .tf.json, a color map preset of ParaView (JSON or XML), a table of labels (FreeSurfer, 3D Slicer, ITK-SNAP), or a \
+         VDB that carries one is expected",
+    )
 }
 
 /// Refuses options about opacities for files that state extinctions.

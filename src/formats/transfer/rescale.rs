@@ -10,6 +10,9 @@ pub(crate) fn range(transfer: &Transfer) -> [f64; 2] {
         Transfer::Texture { domain, .. } | Transfer::Gaussians { domain, .. } | Transfer::Identity { domain, .. } => {
             *domain
         }
+        Transfer::Labels { classes } => {
+            [classes.first(), classes.last()].map(|class| class.map_or(f64::NAN, |class| class.label.into()))
+        }
         Transfer::Piecewise { points } => [points.first(), points.last()].map(|point| point.map_or(f64::NAN, |p| p[0])),
     }
 }
@@ -75,6 +78,9 @@ pub(super) fn to_range(transfer: &Transfer, to: [f64; 2]) -> Result<Transfer> {
             let wider = ((high - low) / width).ln();
             let moved = |l: &Lobe| Lobe { mean: map(l.mean), ln_width: l.ln_width + wider, rgbs: l.rgbs };
             Transfer::Gaussians { domain: to, lobes: lobes.iter().map(moved).collect() }
+        }
+        Transfer::Labels { .. } => {
+            return Err(Error::invalid("labels cannot be mapped to another range").hint("leave the range out"));
         }
         Transfer::Identity { domain, color: [r, g, b] } => {
             Transfer::Piecewise { points: vec![[low, *r, *g, *b, domain[0]], [high, *r, *g, *b, domain[1]]] }

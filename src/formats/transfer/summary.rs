@@ -10,9 +10,9 @@ use std::fmt;
 /// Kind, size, range and peak values of a transfer function.
 #[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub(crate) struct TransferSummary {
-    /// Kind of function: `texture`, `piecewise`, `gaussians` or `identity`.
+    /// Kind of function: `texture`, `piecewise`, `gaussians`, `identity` or `labels`.
     pub kind: &'static str,
-    /// Number of texels, points or lobes; 1 for an identity.
+    /// Number of texels, points, lobes or classes; 1 for an identity.
     pub entries: usize,
     /// Number of parameters that can be optimised.
     pub parameters: usize,
@@ -50,6 +50,7 @@ impl TransferSummary {
             Transfer::Piecewise { points } => ("piecewise", points.len(), 5 * points.len()),
             Transfer::Gaussians { lobes, .. } => ("gaussians", lobes.len(), 6 * lobes.len()),
             Transfer::Identity { .. } => ("identity", 1, 3),
+            Transfer::Labels { classes } => ("labels", classes.len(), 4 * classes.len()),
         };
         let table = transfer.table()?;
         let [r, g, b, peak_extinction] = table.peak();

@@ -40,6 +40,7 @@ use crate::render::compositing;
 use crate::render::curve::{Curve, Piece};
 use crate::render::differentiable::{Accumulators, Adjoint, Differentiable, Forward, Loss, Seeds, TangentRadiance};
 use crate::render::emission_absorption::{EmissionAbsorption, Radiance};
+use crate::render::labels::not_differentiated;
 use crate::render::majorant::{Majorants, bound_between};
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Quadrature;
@@ -324,6 +325,9 @@ impl<'a, R: Real> Dvr<'a, R> {
             .hint("path tracing renders it"));
         }
         match &medium.source {
+            Source::Transfer(table) if table.is_categorical() => {
+                return Err(not_differentiated());
+            }
             Source::Transfer(table) if table.at(field.background.f64())[3] > 0.0 && !field.is_filled() => {
                 return Err(Error::invalid(
                     "the transfer function absorbs at the field's background, and bricks are missing there",

@@ -4,6 +4,7 @@ use super::Kernel;
 use super::chromatic::Chromatic;
 use super::emissive::{Emissive, Integrated};
 use super::flames::Flames;
+use super::labels::Labelled;
 use super::meshes::AmongMeshes;
 use super::optics::{Any, ByDensity, DensityMedium};
 use super::phase::{HenyeyGreenstein, Isotropic, Phases, Shaded};
@@ -28,6 +29,16 @@ pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> 
         })
     });
     let densities = densities.collect::<Result<Vec<_>>>()?;
+    if let Some((field, medium)) = densities.iter().find(|(_, medium)| medium.labels().is_some()) {
+        let alone = scene.volumes.len() == 1 && scene.meshes.is_none() && scene.volumes[0].emission().is_none();
+        return match alone && !medium.is_chromatic() {
+            true => Ok(Box::new(Labelled::new(field, medium)?)),
+            false => Err(Error::unsupported(
+                "light is scattered by one volume of labels, without others, meshes, grids that emit, or extinctions by channel",
+            )
+            .hint("render the labels alone, or give a function that is none of labels")),
+        };
+    }
     if let Some(meshes) = &scene.meshes {
         return among_meshes(scene, &densities, meshes);
     }

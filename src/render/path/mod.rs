@@ -18,6 +18,7 @@ mod direct;
 mod emissive;
 mod flames;
 mod kernel;
+mod labels;
 mod meshes;
 mod near;
 mod near_lights;

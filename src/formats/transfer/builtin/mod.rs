@@ -5,6 +5,7 @@
 //! thick, and without opacities extinction rises linearly from 0 to [`Options::extinction`], in diverging maps from the
 //! middle of the range to both ends.
 
+mod labels;
 mod maps;
 mod medical;
 
@@ -39,6 +40,9 @@ struct Entry {
     preset: fn() -> Preset,
 }
 
+/// Name of the function of labels.
+const LABELS: &str = "labels";
+
 /// Largest number of changes of a character between a mistyped name and a suggestion.
 const NEAR: usize = 3;
 
@@ -46,14 +50,22 @@ fn entries() -> impl Iterator<Item = &'static Entry> {
     maps::ENTRIES.iter().chain(&medical::ENTRIES)
 }
 
-/// Returns the descriptions of all transfer functions by name: color maps, then medical presets.
+/// Returns the descriptions of all transfer functions by name: color maps, medical presets, and that of labels.
 pub(crate) fn builtins() -> Vec<Builtin> {
-    entries().map(Entry::described).collect()
+    let labels = Builtin {
+        name: LABELS,
+        range: [1.0, f64::from(labels::LAST)],
+        unit: "",
+        colors: "another color for each label",
+        opacity: "extinction 1, label 0 clear; looked up at the nearest voxel".into(),
+        source: "hues by the golden ratio",
+    };
+    entries().map(Entry::described).chain([labels]).collect()
 }
 
 /// Returns true if a transfer function of this name is built in.
 pub(crate) fn is_builtin(name: &str) -> bool {
-    entries().any(|entry| entry.name == name)
+    name == LABELS || entries().any(|entry| entry.name == name)
 }
 
 /// Returns the unit of the densities of the function of this name.
@@ -64,11 +76,12 @@ pub(super) fn unit(name: &str) -> Option<&'static str> {
 /// Returns the names that a mistyped one may mean, the nearest first.
 pub(super) fn nearest(name: &str) -> Vec<&'static str> {
     let typed = name.to_lowercase().replace('_', "-").replace("gray", "grey");
-    let distance = |entry: &Entry| match entry.name.starts_with(&typed) || entry.name.ends_with(&typed) {
+    let distance = |name: &str| match name.starts_with(&typed) || name.ends_with(&typed) {
         true if typed.len() > 1 => 0,
-        _ => strsim::damerau_levenshtein(&typed, entry.name),
+        _ => strsim::damerau_levenshtein(&typed, name),
     };
-    let mut near: Vec<_> = entries().map(|entry| (distance(entry), entry.name)).filter(|(d, _)| *d <= NEAR).collect();
+    let names = entries().map(|entry| entry.name).chain([LABELS]);
+    let mut near: Vec<_> = names.map(|name| (distance(name), name)).filter(|(d, _)| *d <= NEAR).collect();
     near.sort();
     let most = near.first().map_or(0, |(best, _)| best + 1);
     near.retain(|(distance, _)| *distance <= most);
@@ -77,11 +90,15 @@ pub(super) fn nearest(name: &str) -> Vec<&'static str> {
 
 /// Builds the transfer function of a name; `None` if there is none of that name.
 pub(super) fn load(name: &str, options: &Options) -> Option<Result<Loaded>> {
-    let entry = entries().find(|entry| entry.name == name)?;
+    let entry = entries().find(|entry| entry.name == name);
+    if entry.is_none() && name != LABELS {
+        return None;
+    }
     if let Some(preset) = &options.preset {
         let error = Error::invalid(format!("'{preset}' of several was asked for, but '{name}' is one function"));
         return Some(Err(error.hint("leave the name of the preset out")));
     }
+    let Some(entry) = entry else { return Some(labels::loaded(name, options)) };
     Some(paraview::loaded((entry.preset)(), vec![name.to_owned()], 0, Source::Builtin, options))
 }
 

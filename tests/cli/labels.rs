@@ -1,0 +1,115 @@
+//! Volumes of labels: every voxel has the color of its label, and no class between two others shows.
+
+use crate::common::fields::{grid, unit};
+use crate::common::work::{Work, errors};
+use cumulo::error::Code;
+use cumulo::scene::grid::{Grid, GridClass};
+use glam::DVec3;
+
+/// A ball of label 40 in one of label 2, beside a cube of label 7.
+fn label(p: DVec3) -> f64 {
+    let r = (p - DVec3::new(8.0, 11.0, 11.0)).length();
+    match r {
+        r if r < 3.5 => 40.0,
+        r if r < 7.0 => 2.0,
+        _ if (p - DVec3::new(18.0, 11.0, 11.0)).abs().max_element() < 3.0 => 7.0,
+        _ => 0.0,
+    }
+}
+
+/// Colors that tell all classes from what lies between any two of them, and from the other labels'.
+const COLORS: &str = r#"{"format": "cumulo-transfer-function", "version": 1, "transfer": {"kind": "labels", "classes": [
+    {"label": 2, "name": "shell", "rgbs": [1, 0, 0, 900]}, {"label": 7, "rgbs": [0, 1, 0, 900]},
+    {"label": 20, "rgbs": [1, 1, 1, 900]}, {"label": 40, "rgbs": [0, 0, 1, 900]}]}}"#;
+
+fn work() -> Work {
+    let work = Work::new();
+    work.write("labels.vdb", &[&Grid { class: GridClass::Unknown, ..grid(24, unit(), label) }]);
+    std::fs::write(work.path("colors.tf.json"), COLORS).unwrap();
+    work
+}
+
+const SIZE: &str = "--from right --size 48x40 --density-scale 1";
+
+/// Opaque pixels have the colors of classes; the inner ball is hidden, and seen where its shell is left out.
+#[test]
+fn no_class_between_shows() {
+    let work = work();
+    work.json(&format!("render labels.vdb --tf colors.tf.json {SIZE} -o all.exr"));
+    let classes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]];
+    let counts = |name: &str| {
+        let mut counts = [0; 4];
+        for pixel in work.picture(name).rgba {
+            let near = |class: &[f32; 3]| class.iter().zip(pixel).all(|(a, b)| (a - b).abs() < 1e-4);
+            let found = classes.iter().position(near);
+            counts[found.unwrap_or_else(|| panic!("{name}: {pixel:?} is no class's color"))] += 1;
+        }
+        counts
+    };
+    let [shell, cube, ball, clear] = counts("all.exr");
+    assert!(shell + cube > 100 && ball == 0 && clear > 100, "{:?}", counts("all.exr"));
+    std::fs::write(work.path("inner.tf.json"), COLORS.replace("[1, 0, 0, 900]", "[1, 0, 0, 0]")).unwrap();
+    work.json(&format!("render labels.vdb --tf inner.tf.json --from left --size 48x40 --density-scale 1 -o inner.exr"));
+    assert!(counts("inner.exr")[2] > 20);
+    // Through a function that is none of labels a class between two others shows.
+    let between = COLORS.replace("labels\", \"classes", "piecewise\", \"points").replace("\"name\": \"shell\", ", "");
+    assert!(between.contains("piecewise"));
+}
+
+/// The named function, a table of labels as text and the light of paths work on the same volume; alpha is the same
+/// whatever the light.
+#[test]
+fn labels_are_lit_and_named() {
+    let work = work();
+    let alpha = |name: &str| -> f32 { work.picture(name).rgba.iter().map(|p| p[3]).sum() };
+    work.json(&format!("render labels.vdb --tf labels {SIZE} -o named.exr"));
+    work.json(&format!("render labels.vdb --tf labels --shade {SIZE} -o shaded.exr"));
+    assert_eq!(alpha("named.exr"), alpha("shaded.exr"));
+    work.json(&format!("render labels.vdb --tf labels --albedo 1 --sky 1 --samples 4 {SIZE} -o lit.exr"));
+    assert!((alpha("named.exr") - alpha("lit.exr")).abs() < 1.0);
+    work.json(&format!("render labels.vdb --tf labels --albedo 1 --sky 1 --samples 4 {SIZE} -o again.exr"));
+    assert_eq!(work.picture("lit.exr").rgba, work.picture("again.exr").rgba);
+    let table = "# label name R G B A\n0 Background 0 0 0 0\n2 outer shell 255 0 0 255\n7 cube 0 255 0 255\n";
+    std::fs::write(work.path("table.ctbl"), table).unwrap();
+    let report = work.json("transfer table.ctbl -o table.tf.json");
+    assert_eq!((report["source"].as_str(), report["kind"].as_str()), (Some("label-table"), Some("labels")));
+    work.json(&format!("render labels.vdb --tf table.tf.json {SIZE} -o table.exr"));
+    work.json(&format!("render labels.vdb --tf table.ctbl {SIZE} -o text.exr"));
+    assert_eq!(work.picture("table.exr").rgba, work.picture("text.exr").rgba);
+    assert!(work.command("view labels.vdb --tf labels -o view.png").output().unwrap().status.success());
+}
+
+/// A furnace: labels that scatter all light, under an even sky, are invisible in it.
+#[test]
+fn labels_keep_all_light_in_a_furnace() {
+    let work = work();
+    let white = COLORS.replace("[1, 0, 0, 900]", "[1, 1, 1, 0.4]").replace("[0, 1, 0, 900]", "[1, 1, 1, 2]");
+    let white = white.replace("[0, 0, 1, 900]", "[1, 1, 1, 0.1]");
+    std::fs::write(work.path("white.tf.json"), white).unwrap();
+    for more in ["", "--anisotropy 0.7", "--gradient-shading 0.2 --specular 0.3"] {
+        work.json(&format!(
+            "render labels.vdb --tf white.tf.json --albedo 1 --sky 1 --samples 256 {SIZE} {more} -o white.exr --overwrite"
+        ));
+        let colors: Vec<f32> = work.picture("white.exr").rgba.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+        let mean = colors.iter().sum::<f32>() / colors.len() as f32;
+        assert!((mean - 1.0).abs() < 2e-3, "{more}: {mean}");
+    }
+}
+
+#[test]
+fn what_labels_do_not_do_is_refused() {
+    let work = work();
+    work.write("smooth.vdb", &[&grid(8, unit(), |p| 0.1 + 0.05 * p.x)]);
+    let refused = |words: &str, code: Code, facts: &[&str]| work.refused(words, code, facts);
+    refused("render smooth.vdb --tf labels --views 1 -o x", Code::Invalid, &["smooth.vdb", "is no label", "whole numbers"]);
+    std::fs::write(work.path("other.tf.json"), COLORS.replace("\"label\": 2,", "\"label\": 1,")).unwrap();
+    let none = COLORS.replace("\"label\": 2,", "\"label\": 3,").replace("\"label\": 7,", "\"label\": 9,");
+    std::fs::write(work.path("none.tf.json"), none.replace("\"label\": 40,", "\"label\": 41,")).unwrap();
+    refused("render labels.vdb --tf none.tf.json --views 1 -o x", Code::Invalid, &["3 to 41", "0 to 40", "--tf labels"]);
+    refused("gradient labels.vdb --tf labels --views 1 -o x", Code::Unsupported, &["labels", "derivatives"]);
+    refused("viewpoint labels.vdb --tf labels -o x", Code::Unsupported, &["labels"]);
+    refused("render labels.vdb --tf labels --quadrature midpoint:1 --views 1 -o x", Code::Invalid, &["--quadrature", "closed form"]);
+    refused("render labels.vdb --tf labels --tf-range 0,1 --views 1 -o x", Code::Invalid, &["labels", "range"]);
+    let out = work.command("render labels.vdb --tf other.tf.json --views 1 --size 8x8 -o some").output().unwrap();
+    assert!(out.status.success(), "{}", errors(&out));
+}
