@@ -1,7 +1,7 @@
 """Surfaces shaded by `--shade` against VTK's fixed-point ray caster, a light at the camera on either side.
 
 With an opacity of 1 - exp(-extinction) per unit of length, and colours that both multiply by it, VTK's picture is ours.
-Its raw picture of 15 bits counts, for the window's is stretched by a pixel and has 8. It takes one direction of view for
+Its raw picture of 15 bits counts, for the window's is stretched by a pixel and has 8. It takes one direction of view of
 all pixels, hence parallel rays. What remains of the difference is
 
 - that VTK shades at the voxels, by normals that it rounds to 65536 directions, and interpolates the shade, while Cumulo
