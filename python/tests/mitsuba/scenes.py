@@ -89,6 +89,15 @@ class Mesh:
         return path
 
 
+@dataclasses.dataclass(frozen=True)
+class Surface:
+    """Surfaces, half of what is scattered where the density changes by `half` per world length, and their reflection."""
+
+    half: float
+    specular: float
+    roughness: float
+
+
 def quad(corner, first, second, **material):
     """A parallelogram; its front is on the side of the first edge x the second."""
     a, u, v = (np.array(vector, dtype=float) for vector in (corner, first, second))
@@ -122,6 +131,8 @@ class Scene:
     albedo: tuple | float = 0.9
     g: float = 0.0
     emission: tuple | None = None
+    # Not in the text that random numbers are chosen by.
+    surface: Surface | None = dataclasses.field(default=None, repr=False)
     bounces: int | None = None
     lights: tuple = ()
     meshes: tuple = ()

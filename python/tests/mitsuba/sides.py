@@ -110,6 +110,7 @@ def by_mitsuba(scene):
     Its media do not emit. Where nothing is scattered, emission of a constant source is a matter of the transmittance T
     alone, which Mitsuba sees of a white sky: L = (1 - T) source + T sky.
     """
+    assert scene.surface is None, "its media have no surfaces"
     if scene.emission:
         transmittance = by_mitsuba(scene.but(emission=None, sky=(1.0, 1.0, 1.0)))
         return np.array(scene.emission) + transmittance * (np.array(scene.sky) - np.array(scene.emission))
@@ -173,6 +174,9 @@ class Cumulo:
         medium = {"density_scale": scene.density_scale, "albedo": scene.colour, "anisotropy": scene.g}
         if scene.emission:
             medium["emission"] = scene.emission
+        if scene.surface:
+            medium |= {"gradient_shading": scene.surface.half, "specular": scene.surface.specular,
+                       "roughness": scene.surface.roughness}  # fmt: skip
         sky = {"type": "DomeLight", "radiance": scene.sky}
         if scene.sky == "picture":
             picture = self.folder / "sky.exr"
