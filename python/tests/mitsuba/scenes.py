@@ -91,7 +91,7 @@ class Mesh:
 
 @dataclasses.dataclass(frozen=True)
 class Surface:
-    """Surfaces, half of what is scattered where the density changes by `half` per world length, and their reflection."""
+    """Surfaces, which scatter half of the light at a change of density of `half` per world length; they reflect."""
 
     half: float
     specular: float
