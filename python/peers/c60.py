@@ -5,7 +5,6 @@ import json
 import sys
 
 import numpy as np
-import pyopenvdb
 
 
 def atoms():
@@ -45,6 +44,8 @@ def function():
 
 
 if __name__ == "__main__":
+    import pyopenvdb
+
     n = int(sys.argv[3]) if len(sys.argv) > 3 else 128
     grid = pyopenvdb.FloatGrid()
     grid.name, grid.gridClass = "density", pyopenvdb.GridClass.FOG_VOLUME
