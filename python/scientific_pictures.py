@@ -1,8 +1,8 @@
-"""The guide's picture of other arrays and scans: electrons of C60, a DICOM series of a brain, and a field with two signs.
+"""The guide's picture of other arrays and scans: electrons of C60, a DICOM series, a field with two signs, and labels.
 
     scientific_pictures.py [OUT.png] [--size 390] [--keep DIR]
 
-The scan is `inia19-t1-brain` of Debian's package mricron-data. It needs the packages of `requirements-imaging.txt`; CUMULO is
+The scans are `inia19-t1-brain` and `aal` of Debian's package mricron-data. It needs the packages of `requirements-imaging.txt`; CUMULO is
 the program, `cumulo` by default. With --keep the inputs of the panels stay in a folder.
 """
 
@@ -25,6 +25,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).parent / "peers"))
 import c60  # noqa: E402
 
 BRAIN = pathlib.Path("/usr/share/mricron/templates/inia19-t1-brain.nii.gz")
+ATLAS = BRAIN.with_name("aal.nii.gz")
 # Density, red, green, blue and extinction per ångström: one peak for each shell.
 SHELLS = [[0.12, 0.9, 0.3, 0.15, 0], [0.2, 0.9, 0.3, 0.15, 0.4], [0.28, 0.9, 0.3, 0.15, 0]]
 SHELLS += [[0.42, 0.25, 0.75, 0.25, 0], [0.5, 0.25, 0.75, 0.25, 2.5], [0.58, 0.25, 0.75, 0.25, 0]]
@@ -98,6 +99,11 @@ PANELS = [
         vorticity,
         f"vorticity.npy --voxel-size 1 --tf diverging --tf-range=-300,300 --tf-extinction 1.2 --azimuth 75 --elevation 20 --distance 240"
         f" --fov 30 {LIGHT} --sun=1,-1,0.8 --sky 0.6 --gradient-shading 100 --samples 32",
+    ),
+    (
+        "atlas",
+        lambda folder: None,
+        f"{ATLAS} --tf labels --azimuth 215 --elevation 25 --distance 500 --fov 27 {LIGHT} --sun=-0.3,1,0.8 --sky 0.5 --gradient-shading 0.1 --samples 32",
     ),
 ]
 

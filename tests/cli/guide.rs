@@ -37,7 +37,8 @@ const PAGES: &[&str] = &[
 ];
 
 /// Volumes, and a picture, that the pages name and the reader brings.
-const VOLUMES: [(&str, &str); 7] = [
+const VOLUMES: [(&str, &str); 8] = [
+    ("atlas.nii.gz", "head.nii.gz"),
     ("smoke.vdb", "plume.vdb"),
     ("head.vdb", "plume.vdb"),
     ("head.nii.gz", "head.nii.gz"),
@@ -45,6 +46,13 @@ const VOLUMES: [(&str, &str); 7] = [
     ("smoke.0002.vdb", "cube.vdb"),
     ("smoke.0003.vdb", "plume.vdb"),
     ("deep.exr", "exr/deep_tiles.exr"),
+];
+
+/// Commands that make further inputs of pages.
+const PREPARED: [(&str, &str); 3] = [
+    ("src/guide/scans.md", "convert head.nii.gz field.vdb"),
+    ("src/guide/scans.md", "convert field.vdb c60.npy"),
+    ("src/guide/scans.md", "convert field.vdb vorticity.npy"),
 ];
 
 /// Commands that other programs run or have to precede. They are not run here: `make demo`, `tests/kernels/examples.rs` and Python's
@@ -68,6 +76,9 @@ const OTHERS: &[&str] = &[
     "sudo apt-get install libopenvdb-dev libboost-dev libclang-dev g++",
     "cargo install --path . --locked",
     "usdview smoke.usda",
+    // Of a series of DICOM files: `python/tests/imaging/test_dicom.py` renders such ones.
+    "cumulo render series --tf mr-default --tf-range 20,130 --tf-unit-distance 0.1 --azimuth 235 --elevation 20 --albedo 1 --sun=-0.7,0.9,0.8 --sun-color 5 --sun-angle 8 --sky 0.5 --gradient-shading 10 --gradient-scale 1 --specular 0.04 --samples 16 --denoise --background 1,1,1 -o series.exr",
+    "cumulo figure c60.exr series.exr vorticity.exr --label A,B,C --orientation axes --scale-bar -o fields.pdf",
     // Of a volume that is too large for a test: `tests/process/scratch.rs` runs such ones.
     "cumulo render large.vdb --views 64 -o shots --max-memory 2G --scratch /var/tmp",
     "cumulo reconstruct density shots -o found.vdb --resolution 1024 --max-memory 2G --scratch /var/tmp",
@@ -148,6 +159,9 @@ fn run(page: &str) -> usize {
     let work = Work::new();
     for (name, source) in VOLUMES {
         std::fs::copy(fixture(source), work.path(name)).unwrap();
+    }
+    for (_, command) in PREPARED.iter().filter(|(of, _)| *of == page) {
+        work.json(command);
     }
     let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(page)).unwrap();
     let mut count = 0;
@@ -290,7 +304,7 @@ fn shell() {
 
 #[test]
 fn scans() {
-    assert!(run("src/guide/scans.md") >= 5);
+    assert!(run("src/guide/scans.md") >= 9);
 }
 
 /// Its programs run in `python/tests/torch/test_guide.py`.

@@ -36,6 +36,7 @@ mod guide;
 mod holdout;
 mod imaging;
 mod info;
+mod labels;
 mod merge;
 mod meshes;
 mod nanovdb;
