@@ -6,8 +6,8 @@
 //!
 //! `E |M + s (N - M) - T|² = (1 - s)² E + 2 s (1 - s) C + s² V`
 //!
-//! with the error E of M, the variance V of N and their covariance C. It is least at `s = (E - C) / E |N - M|²`. All of
-//! this is known without a reference: since D(A) and B are independent, the covariance of D(A) with its own noise is
+//! with the error E of M, the variance V of N and their covariance C. It is least at `s = (E - C) / E |N - M|²`. All
+//! of this is known without a reference: since D(A) and B are independent, the covariance of D(A) with its own noise is
 //! `E [|D(A) - B|² - |D(A) - A|²] / 2`, and C is a quarter of the sum of both halves'.
 
 use super::blocks::{BLOCK, Grid};
@@ -24,11 +24,12 @@ const FLOOR: f32 = 0.01;
 
 /// Sums over the pixels of a block: of what error and covariance leave, `E - C`, of its variance, and of `|N - M|²`.
 ///
-/// Of a bias β and noise of the variance σ² in each channel of a half, the variance of `E - C` is that of `β² - β·(a + b)
-/// + a·b`, `2 σ² |β|² + 3 σ⁴`, which is the mean of `4/3 |N - M|² |A - B|² / 4`.
+/// Of a bias β and noise of the variance σ² in each channel of a half, the variance of `E - C` is that of
+/// `β² - β·(a + b) + a·b`, `2 σ² |β|² + 3 σ⁴`, which is the mean of `4/3 |N - M|² |A - B|² / 4`.
 type Sums = [f32; 3];
 
-/// Takes back of the noisy halves, row by row from the top, what is due to the denoised ones. Pixels that are not finite stay as they are.
+/// Takes back of the noisy halves, row by row from the top, what is due to the denoised ones. Pixels that are not
+/// finite stay as they are.
 pub fn take_back(size: [usize; 2], noisy: [&[Vec3]; 2], denoised: [&mut [Vec3]; 2]) {
     let [a, b] = denoised;
     let halves = Halves { size, noisy, denoised: [&*a, &*b] };

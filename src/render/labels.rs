@@ -18,7 +18,7 @@ use glam::{DMat4, DVec3};
 
 /// Part of a ray within voxels of one label.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Stretch {
+pub(crate) struct Segment {
     /// Label, as the field stores it.
     pub label: f32,
     /// World length from the ray's origin to the entry.
@@ -29,8 +29,8 @@ pub(crate) struct Stretch {
     pub extinction: f64,
 }
 
-impl Stretch {
-    /// Returns the optical depth of the stretch.
+impl Segment {
+    /// Returns the optical depth of the segment.
     pub(crate) fn depth(&self) -> f64 {
         self.extinction * (self.end - self.start)
     }
@@ -69,8 +69,8 @@ pub fn not_differentiated() -> Error {
         .hint("give a function that is none of labels; labels are rendered and viewed alone")
 }
 
-/// Returns the standard deviation in voxels of the filter of surfaces' gradients where `stated` is asked for; of 0 it is
-/// 2, since the gradients of single voxels are steps.
+/// Returns the standard deviation in voxels of the filter of surfaces' gradients where `stated` is asked for; of 0 it
+/// is 2, since the gradients of single voxels are steps.
 pub(crate) fn gradient_scale(stated: f64) -> f64 {
     if stated > 0.0 { stated } else { 2.0 }
 }
@@ -171,29 +171,29 @@ impl<'a> Labels<'a> {
         (extinction > 0.0).then_some((label, extinction))
     }
 
-    /// Visits the stretches of a world ray of unit direction that are not clear, near to far; `visit` returns false to
+    /// Visits the segments of a world ray of unit direction that are not clear, near to far; `visit` returns false to
     /// stop.
-    pub(crate) fn stretches(&self, ray: &Ray, mut visit: impl FnMut(&Stretch) -> bool) {
+    pub(crate) fn segments(&self, ray: &Ray, mut visit: impl FnMut(&Segment) -> bool) {
         let Some(index) = self.index_ray(ray) else { return };
-        let mut open: Option<Stretch> = None;
+        let mut open: Option<Segment> = None;
         let mut more = true;
         spans(&self.visible, &index, false, |span: Span<f64>| {
             more = self.voxels(&span, |label, start, end| match &mut open {
-                Some(stretch) if stretch.label == label && stretch.end == start => {
-                    stretch.end = end;
+                Some(segment) if segment.label == label && segment.end == start => {
+                    segment.end = end;
                     true
                 }
                 _ => {
                     let before = open.take();
                     let extinction = extinction(&self.curve, label);
-                    open = (extinction > 0.0).then_some(Stretch { label, start, end, extinction: extinction.into() });
-                    before.is_none_or(|stretch| visit(&stretch))
+                    open = (extinction > 0.0).then_some(Segment { label, start, end, extinction: extinction.into() });
+                    before.is_none_or(|segment| visit(&segment))
                 }
             });
             more
         });
-        if more && let Some(stretch) = open {
-            visit(&stretch);
+        if more && let Some(segment) = open {
+            visit(&segment);
         }
     }
 
@@ -212,7 +212,7 @@ impl<'a> Labels<'a> {
             let until = next[0].min(next[1]).min(next[2]).min(span.length);
             if until > now {
                 let [x, y, z] = voxel.map(|v| v as usize);
-                // The last length is that of the span, so that stretches meet between spans.
+                // The last length is that of the span, so that segments meet between spans.
                 let end = if until < span.length { span.start + until } else { span.end };
                 if !visit(self.field.values[span.base + slot(x, y, z)], span.start + now, end) {
                     return false;
@@ -256,21 +256,21 @@ impl EmissionAbsorption for Labels<'_> {
 
     fn integrate(&self, ray: &Ray, (): &mut ()) -> Radiance {
         let (mut rgb, mut depth) = (DVec3::ZERO, 0.0_f64);
-        let mut add = |stretch: &Stretch, source: DVec3| {
-            rgb += (-depth).exp() * -(-stretch.depth()).exp_m1() * source;
-            depth += stretch.depth();
+        let mut add = |segment: &Segment, source: DVec3| {
+            rgb += (-depth).exp() * -(-segment.depth()).exp_m1() * source;
+            depth += segment.depth();
             depth < self.depth_limit
         };
         match &self.surfaces {
-            None => self.stretches(ray, |stretch| add(stretch, self.source(stretch.label))),
-            Some(surfaces) => self.stretches(ray, |stretch| {
+            None => self.segments(ray, |segment| add(segment, self.source(segment.label))),
+            Some(surfaces) => self.segments(ray, |segment| {
                 // The surface is where the ray enters; within, there is none.
-                let index = surfaces.opacity.transform.to_index(ray.at(stretch.start));
+                let index = surfaces.opacity.transform.to_index(ray.at(segment.start));
                 let slope = gradient(&surfaces.opacity, index, surfaces.scale);
                 let length = slope.length();
                 let cosine = (length > 0.0).then(|| (slope.dot(ray.direction) / length).abs().min(1.0));
                 let [factor, highlight] = surfaces.shading.factors(cosine);
-                add(stretch, self.source(stretch.label) * factor + highlight)
+                add(segment, self.source(segment.label) * factor + highlight)
             }),
         }
         Radiance { rgb: rgb.to_array(), depth }

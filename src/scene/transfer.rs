@@ -322,8 +322,8 @@ impl Transfer {
     }
 }
 
-/// Returns the knots of the steps between classes, each with the number of the class whose values it has; `None` between
-/// labels that do not follow each other.
+/// Returns the knots of the steps between classes, each with the number of the class whose values it has; `None`
+/// between labels that do not follow each other.
 fn label_knots(classes: &[Class]) -> impl Iterator<Item = (f64, Option<usize>)> {
     let follows = |i: usize| {
         let [this, next] = [classes.get(i), classes.get(i + 1)].map(|class| class.map(|class| class.label));

@@ -10,8 +10,9 @@ use crate::error::{Error, Result};
 use crate::scene::transfer::{Class, Transfer};
 
 /// What a table that cannot be used should look like.
-const EXPECTED: &str = "lines of label, name, red, green, blue and alpha (FreeSurfer, 3D Slicer) are expected, or of label, red, green, \
-                        blue, alpha, visible, mesh and a quoted name (ITK-SNAP); colors at levels of 0 to 255";
+const EXPECTED: &str = "lines of label, name, red, green, blue and alpha (FreeSurfer, 3D Slicer) are expected, or of \
+                        label, red, green, blue, alpha, visible, mesh and a quoted name (ITK-SNAP); colors at levels \
+                        of 0 to 255";
 
 /// True if a text may be a table of labels: its first line that is no comment begins with a number.
 pub(super) fn is_table(text: &str) -> bool {
@@ -116,7 +117,8 @@ mod tests {
         let found = classes(slicer);
         assert_eq!((found[0].name.as_str(), found[0].rgbs), ("right lung", [0.0, 0.0, 1.0, 2.0]));
         assert!((found[1].rgbs[3] - 0.4).abs() < 1e-12);
-        let snap = "    0     0    0    0        0  0  0    \"Clear Label\"\n    1   255    0    0        1  1  1    \"Label 1\"\n    2   0  0  255   0.5  0  1  \"hidden\"\n";
+        let snap = "    0     0    0    0        0  0  0    \"Clear Label\"\n    1   255    0    0        1  1  1    \
+                    \"Label 1\"\n    2   0  0  255   0.5  0  1  \"hidden\"\n";
         let found = classes(snap);
         assert_eq!((found[0].name.as_str(), found[0].rgbs), ("Label 1", [1.0, 0.0, 0.0, 2.0]));
         assert_eq!(found[1].rgbs[3], 0.0);

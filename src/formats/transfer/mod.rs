@@ -221,10 +221,9 @@ fn parse(bytes: &[u8], options: &Options) -> Result<Loaded> {
 }
 
 fn unknown(what: &str) -> Error {
-    Error::unsupported(format!("no transfer function: it is {what}"))
-        .hint(
-        "a .tf.json, a color map preset of ParaView (JSON or XML), a table of labels (FreeSurfer, 3D Slicer, ITK-SNAP), or a \
-         VDB that carries one is expected",
+    Error::unsupported(format!("no transfer function: it is {what}")).hint(
+        "a .tf.json, a color map preset of ParaView (JSON or XML), a table of labels (FreeSurfer, 3D Slicer, \
+         ITK-SNAP), or a VDB that carries one is expected",
     )
 }
 

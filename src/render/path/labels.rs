@@ -51,8 +51,8 @@ impl<'a> Labelled<'a> {
     fn depth(&self, ray: &Ray, length: f64, limit: f64) -> f64 {
         let mut depth = 0.0;
         let ray = Ray { far: ray.far.min(length), ..*ray };
-        self.labels.stretches(&ray, |stretch| {
-            depth += stretch.depth();
+        self.labels.segments(&ray, |segment| {
+            depth += segment.depth();
             depth <= limit
         });
         depth
@@ -61,13 +61,13 @@ impl<'a> Labelled<'a> {
     /// Returns where the optical depth of a ray comes to `depth`.
     fn locate(&self, ray: &Ray, depth: f64) -> Option<Collision> {
         let (mut left, mut found) = (depth, None);
-        self.labels.stretches(ray, |stretch| {
-            if stretch.depth() > left {
-                let distance = (stretch.start + left / stretch.extinction).min(stretch.end);
-                found = Some(Collision { distance, density: stretch.label, volume: 0 });
+        self.labels.segments(ray, |segment| {
+            if segment.depth() > left {
+                let distance = (segment.start + left / segment.extinction).min(segment.end);
+                found = Some(Collision { distance, density: segment.label, volume: 0 });
                 return false;
             }
-            left -= stretch.depth();
+            left -= segment.depth();
             true
         });
         found
