@@ -65,9 +65,8 @@ const NEGLIGIBLE: f64 = 1e-3;
 impl<R: Real> Preintegrated<R> {
     /// Creates the tables of a transfer function whose extinctions are multiplied by `scale`, for a field with the
     /// least and greatest values of its bricks, and those that rays visit ([`Dvr::occupied`]), with whether gaps
-    /// between
-    /// these count; `tolerance` is the error allowed along a ray, in units of the brightest color. With `by_voxels`
-    /// rays have a node a voxel, or two, wherever the light depends on voxels.
+    /// between these count; `tolerance` is the error allowed along a ray, in units of the brightest color. With
+    /// `by_voxels` rays have a node a voxel, or two, wherever the light depends on voxels.
     pub(crate) fn new(
         (table, scale): (&Table, f64),
         tolerance: f64,
