@@ -37,7 +37,7 @@ pub(super) struct Plan {
 }
 
 /// Frames at the beginning of a sequence that are denoised twice: those behind the first one tell its noise.
-const REHEARSED: usize = 2;
+const REHEARSED: usize = 6;
 
 /// Bytes that what is kept of the backward direction may take.
 const KEPT_BYTES: usize = 320 << 20;

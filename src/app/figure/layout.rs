@@ -83,7 +83,7 @@ impl FigureSettings {
             let room = (0.8 * width).clamp(width.min(24.0 * size), width);
             let fill = FILLS[usize::from(dark)];
             legend.draw(&mut drawing, [0.5 * (width - room), y], room, size, [ink, fill]);
-            y += legend.height(size) + 0.3 * size;
+            y += legend.height(size, room) + 0.3 * size;
         }
         drawing.size[1] = y;
         Ok(drawing)

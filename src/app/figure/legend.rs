@@ -1,6 +1,7 @@
 //! The legend of a figure: the colors of a transfer function over the range of its densities, with its extinction.
 
 use super::drawing::{Anchor, Color, Drawing, Point, Raster, Shape, Style};
+use super::swatches::Swatches;
 use super::ticks::{number, ticks};
 use crate::error::{Error, Result};
 use crate::formats::png::ToneMapping;
@@ -27,6 +28,8 @@ pub(super) struct Legend {
     caption: Option<String>,
     /// Text above the curve.
     extinction: String,
+    /// Classes of a function of labels, in place of bar and curve.
+    swatches: Option<Swatches>,
 }
 
 /// Heights of the parts in font sizes, from the top: text of the extinction, its curve, colors, ticks, numbers,
@@ -39,7 +42,7 @@ impl Legend {
     /// Makes the legend of a function. `caption` stands below it, and `length_unit` is a unit of world lengths.
     ///
     /// # Errors
-    /// If the function has one density alone.
+    /// If the function has one density alone, or too many classes.
     pub(super) fn new(
         transfer: &Transfer,
         tone: ToneMapping,
@@ -67,20 +70,29 @@ impl Legend {
         let extinctions: Vec<f64> = (0..=COLORS).map(|i| at(i as f64 / COLORS as f64)[3]).collect();
         let peak = extinctions.iter().copied().fold(0.0, f64::max);
         let curve = extinctions.iter().map(|v| if peak > 0.0 { v / peak } else { 0.0 }).collect();
+        let swatches = match transfer {
+            Transfer::Labels { classes } => Some(Swatches::new(classes, tone)?),
+            _ => None,
+        };
         let per = length_unit.map_or(String::new(), |unit| format!(" per {unit}"));
         Ok(Self {
             range,
-            ticks: ticks(range, TICKS),
+            ticks: if swatches.is_some() { Vec::new() } else { ticks(range, TICKS) },
             peak,
             colors: Raster { size: [COLORS, 1], rgba },
             curve,
             caption,
             extinction: format!("Extinction, up to {}{per}", number(peak)),
+            swatches,
         })
     }
 
-    /// Height in points at a font size in points.
-    pub(super) fn height(&self, size: f64) -> f64 {
+    /// Height in points at a font size in points, within a width.
+    pub(super) fn height(&self, size: f64, width: f64) -> f64 {
+        if let Some(swatches) = &self.swatches {
+            let caption = if self.caption.is_some() { PARTS[5] } else { 0.0 };
+            return swatches.height(size, width) + caption * size;
+        }
         let parts = if self.caption.is_some() { &PARTS[..] } else { &PARTS[..5] };
         size * parts.iter().sum::<f64>()
     }
@@ -88,6 +100,15 @@ impl Legend {
     /// Draws the legend at a position, within a width.
     pub(super) fn draw(&self, drawing: &mut Drawing, [x, y]: Point, width: f64, size: f64, [ink, fill]: [Color; 2]) {
         let [text, curve, bar, tick, numbers, caption] = PARTS.map(|part| part * size);
+        let large = Style { size, bold: false, color: ink };
+        if let Some(swatches) = &self.swatches {
+            swatches.draw(drawing, [x, y], width, size, ink);
+            if let Some(text) = &self.caption {
+                let below = y + swatches.height(size, width) + 0.7 * caption;
+                drawing.text_within(text, [x + 0.5 * width, below], Anchor::Middle, large, width);
+            }
+            return;
+        }
         let (x, width) = (x + MARGIN * size, width - 2.0 * MARGIN * size);
         let thin = 0.06 * size;
         let small = Style { size: 0.85 * size, bold: false, color: ink };
@@ -110,15 +131,13 @@ impl Legend {
         for value in &self.ticks {
             let at = x + width * (value - self.range[0]) / (self.range[1] - self.range[0]);
             drawing.line(vec![[at, below], [at, below + tick]], thin, ink);
-            let style = Style { size, bold: false, color: ink };
             let to_edge = MARGIN * size + (at - x).min(x + width - at);
             let room = between.min(2.0 * to_edge);
-            drawing.text_within(&number(*value), [at, below + tick + 0.95 * size], Anchor::Middle, style, room);
+            drawing.text_within(&number(*value), [at, below + tick + 0.95 * size], Anchor::Middle, large, room);
         }
         if let Some(text) = &self.caption {
             let at = [x + 0.5 * width, below + tick + numbers + 0.7 * caption];
-            let style = Style { size, bold: false, color: ink };
-            drawing.text_within(text, at, Anchor::Middle, style, width + 2.0 * MARGIN * size);
+            drawing.text_within(text, at, Anchor::Middle, large, width + 2.0 * MARGIN * size);
         }
     }
 }

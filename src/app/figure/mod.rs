@@ -12,6 +12,7 @@ mod report;
 mod scale_bar;
 mod settings;
 mod svg;
+mod swatches;
 mod ticks;
 
 pub use orientation::Orientation;

@@ -63,9 +63,9 @@ pub(super) struct PanelCamera {
 /// The legend.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(super) struct LegendReport {
-    /// Densities at the ends of the bar.
+    /// Densities at the ends of the bar; the first and the last label of a function of labels.
     pub range: [f64; 2],
-    /// Densities of the ticks.
+    /// Densities of the ticks; none of labels.
     pub ticks: Vec<f64>,
     /// Largest extinction per world unit.
     pub largest_extinction: f64,
@@ -89,7 +89,8 @@ impl fmt::Display for FigureReport {
             }
         }
         if let Some(LegendReport { range: [low, high], ticks, .. }) = legend {
-            write!(f, "\n  legend from {} to {}, {} ticks", number(*low), number(*high), ticks.len())?;
+            let ticks = if ticks.is_empty() { String::new() } else { format!(", {} ticks", ticks.len()) };
+            write!(f, "\n  legend from {} to {}{ticks}", number(*low), number(*high))?;
         }
         remarks.iter().try_for_each(|remark| write!(f, "\n  remark: {remark}"))
     }
