@@ -174,6 +174,8 @@ value_enum!(ValueEnum for Wrt {
     Emission: "emission", "Every voxel's emission in red, green and blue, of a pre-shaded volume";
     Background: "background", "Radiance behind the volume";
     Extinction: "extinction", "Extinction per unit of density";
+    Albedo: "albedo", "Albedo of the medium, and its color at each point of the function, in the pictures of scattered \
+                       light of --target, whose lights are taken";
 });
 
 value_enum!(ValueEnum for LossName {

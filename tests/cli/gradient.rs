@@ -352,3 +352,63 @@ fn degenerate_pictures_have_finite_derivatives() {
     assert_eq!(report["value"], 0.0);
     assert!(rows(&report).iter().all(|(_, g)| *g == 0.0));
 }
+
+/// Derivatives by the albedo of pictures of scattered light: none at the truth beyond chance, towards it elsewhere, the
+/// difference quotient of the loss, and the same bits for any number of threads.
+#[test]
+fn albedos_have_derivatives_with_standard_errors() {
+    let work = Work::new();
+    let function = |green: f64| {
+        let points = format!("[0.02, 0.9, {green}, 0.1, 0.0], [0.3, 0.4, 0.6, 0.2, 3.0], [0.7, 0.1, 0.2, 0.9, 6.0]");
+        let head = r#"{"format": "cumulo-transfer-function", "version": 1, "transfer": {"kind": "piecewise", "points""#;
+        format!("{head}: [{points}]}}}}")
+    };
+    for (name, green) in [("true", 0.5), ("less", 0.3), ("more", 0.34), ("low", 0.26)] {
+        std::fs::write(work.path(&format!("{name}.tf.json")), function(green)).unwrap();
+    }
+    let light = "--albedo 0.9,0.8,1 --anisotropy 0.3 --sun=-1,0.6,0.7 --sun-color 4 --sun-angle 5 --sky 0.3";
+    work.json(&format!(
+        "render @plume.vdb --views 2 --size 12x10 --density-scale 4 --tf true.tf.json {light} --samples 2048 -o lit"
+    ));
+    let at = |name: &str, more: &str| {
+        work.json(&format!("gradient @plume.vdb --target lit --tf {name}.tf.json --wrt albedo --loss l2 {more}"))
+    };
+    let row = |report: &Value, name: &str| -> [f64; 2] {
+        let row = report["rows"].as_array().unwrap().iter().find(|row| row["name"] == name).unwrap();
+        ["gradient", "standard_error"].map(|key| row[key].as_f64().unwrap())
+    };
+    let truth = at("true", "--samples 512 --seed 3");
+    let rows = truth["rows"].as_array().unwrap();
+    assert_eq!((rows.len(), truth["parameters"].as_u64()), (12, Some(12)));
+    let less = at("less", "--samples 512 --seed 3");
+    let [slope, error] = row(&less, "albedo.point[0].green");
+    assert!(slope < -5.0 * error && slope < 0.0, "{slope} {error}");
+    for r in rows {
+        let name = r["name"].as_str().unwrap();
+        let [at_truth, error] = row(&truth, name);
+        // The pictures have noise that is common to all of a pixel's derivatives.
+        assert!(
+            at_truth.abs() < 6.0 * error + 0.1 * row(&less, name)[0].abs() + 0.05 * slope.abs(),
+            "{name}: {at_truth}"
+        );
+    }
+    // The loss is free of the pictures' noise, but for that of the target.
+    let value = |name: &str| work::number(&at(name, "--samples 2048 --seed 5"), "value");
+    let quotient = (value("more") - value("low")) / 0.08;
+    assert!((quotient / slope - 1.0).abs() < 0.25, "{quotient} {slope}");
+    let of = |threads: &str| {
+        let mut command = work
+            .command("gradient @plume.vdb --target lit --tf less.tf.json --wrt albedo --loss l2 --samples 64 --json");
+        let out = command.env("RAYON_NUM_THREADS", threads).output().unwrap();
+        serde_json::from_slice::<Value>(&out.stdout).unwrap()["rows"].clone()
+    };
+    assert_eq!(of("1"), of("3"));
+    let refused = |words: &str, facts: &[&str]| work.refused(words, Code::Invalid, facts);
+    refused("gradient @plume.vdb --views 1 --tf true.tf.json --wrt albedo --loss mean", &["--wrt albedo", "--target"]);
+    refused("gradient @plume.vdb --target lit --wrt albedo,camera --loss l2", &["--wrt albedo", "straight rays"]);
+    refused("gradient @plume.vdb --target lit --wrt albedo --loss l1", &["without bias", "--loss l2"]);
+    refused("gradient @plume.vdb --target lit --wrt albedo --loss l2 --check", &["--check", "standard errors"]);
+    refused("gradient @plume.vdb --views 1 --wrt camera --loss mean --samples 8", &["--samples", "--wrt albedo"]);
+    work.json("render @plume.vdb --views 1 --size 8x8 -o dark");
+    refused("gradient @plume.vdb --target dark --wrt albedo --loss l2", &["transforms.json", "records no albedo"]);
+}

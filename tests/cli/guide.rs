@@ -238,7 +238,7 @@ fn getting_started() {
 
 #[test]
 fn gradients() {
-    assert!(run("src/guide/gradients.md") >= 5);
+    assert!(run("src/guide/gradients.md") >= 8);
 }
 
 #[test]

@@ -56,7 +56,8 @@ impl GradientSettings {
         let bar = context.steps(chosen.len() as u64, "check");
         for number in chosen {
             let row = &mut report.rows[number];
-            let quotient = study.difference(row.parameter).map_err(|e| e.part(row.name.clone()).at(&self.input))?;
+            let Some(parameter) = row.parameter else { continue };
+            let quotient = study.difference(parameter).map_err(|e| e.part(row.name.clone()).at(&self.input))?;
             (row.difference, row.rounding) = (Some(quotient.value), Some(quotient.rounding));
             bar.inc(1);
         }

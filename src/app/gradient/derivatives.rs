@@ -31,7 +31,7 @@ impl GradientSettings {
                     let count = study.setting.transfer.as_ref().map_or(0, |t| t.parameters().len());
                     all.extend((0..count).map(Parameter::Transfer));
                 }
-                Wrt::Density | Wrt::Emission => {}
+                Wrt::Density | Wrt::Emission | Wrt::Albedo => {}
                 Wrt::Background => all.extend((0..3).map(Parameter::Background)),
                 Wrt::Extinction => all.push(Parameter::Extinction),
             }
@@ -147,10 +147,11 @@ fn rows<V: Subject>(study: &Study<V>, parameters: Vec<Parameter>, derivatives: V
         group,
         value,
         gradient,
+        standard_error: None,
         difference: None,
         rounding: None,
         relative_error: None,
-        parameter,
+        parameter: Some(parameter),
     };
     described.map(row).collect()
 }

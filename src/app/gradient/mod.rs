@@ -1,5 +1,6 @@
 //! Derivatives of a loss on pictures, parameter by parameter, for checking and teaching.
 
+mod albedo;
 mod check;
 mod derivatives;
 mod page;
@@ -55,6 +56,15 @@ impl GradientSettings {
         let _inputs = inputs::protect(self.inputs(), self.limits);
         let mut provenance = Provenance::begin(context);
         self.fits_together()?;
+        self.check_albedo()?;
+        if self.is_by_albedo() {
+            let files = volume::files(&self.input, &self.scan, self.limits);
+            let others = self.target.as_deref().map(captures::file);
+            let others = [others.as_deref(), self.transfer.file()].into_iter().flatten();
+            provenance.files(files.iter().map(PathBuf::as_path).chain(others))?;
+            let report = self.by_albedo(context)?;
+            return Ok(GradientReport { seconds: provenance.lap(), provenance: Some(provenance), ..report });
+        }
         if let Some(path) = &self.output {
             outputs::file(path, Content::Vdb)?;
         }

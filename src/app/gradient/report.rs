@@ -15,12 +15,15 @@ use std::path::PathBuf;
 pub(super) struct Row {
     pub(super) name: String,
     #[serde(skip)]
-    pub(super) parameter: Parameter,
+    pub(super) parameter: Option<Parameter>,
     /// Kind of the parameter: errors are relative to at least 1e-6 of the largest derivative of the same kind.
     #[serde(skip)]
     pub(super) group: &'static str,
     pub(super) value: f64,
     pub(super) gradient: f64,
+    /// Standard error of a derivative that is estimated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) standard_error: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) difference: Option<f64>,
     /// Error of the difference quotient that rounding of the loss alone may have made.
@@ -90,6 +93,9 @@ impl fmt::Display for GradientReport {
         writeln!(f)?;
         for row in &self.rows {
             write!(f, "  {:wide$} {:>16.9e} {:>17.9e}", row.name, row.value, row.gradient)?;
+            if let Some(error) = row.standard_error {
+                write!(f, " ± {error:.1e}")?;
+            }
             match (row.difference, row.relative_error) {
                 (Some(difference), Some(error)) => writeln!(f, " {difference:>17.9e} {error:>9.1e}")?,
                 _ => writeln!(f)?,

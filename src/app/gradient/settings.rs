@@ -71,6 +71,10 @@ pub struct GradientSettings {
     pub all: bool,
     /// Number of voxels to list, those of the largest derivatives, from 1 to 100000.
     pub largest: u32,
+    /// Paths of a pixel, for [`Wrt::Albedo`]; none for 64.
+    pub samples: Option<u32>,
+    /// Seed of their random numbers; none for 0.
+    pub seed: Option<u64>,
     /// VDB to write the derivatives by voxel to.
     #[serde(with = "crate::app::paths")]
     pub output: Option<PathBuf>,
@@ -113,6 +117,8 @@ impl Default for GradientSettings {
             tolerance: 1e-4,
             all: false,
             largest: 20,
+            samples: None,
+            seed: None,
             output: None,
             report: None,
             grid: None,
@@ -140,6 +146,8 @@ pub enum Wrt {
     Background,
     /// Extinction per unit of density.
     Extinction,
+    /// Albedo of the medium, and its color by density, in pictures of scattered light.
+    Albedo,
 }
 
 /// Name of a loss.

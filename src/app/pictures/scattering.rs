@@ -9,7 +9,7 @@ use crate::formats::usd::ScatteringOverride;
 use crate::render::film::Sampling;
 use crate::render::integrator::Counts;
 use crate::render::path::Limits;
-use crate::scene::albedo::TransferColor;
+use crate::scene::albedo::{AlbedoFunction, TransferColor};
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
 use crate::scene::medium::{Scattering, Specular};
@@ -320,6 +320,37 @@ impl ScatteringSettings {
                 lost_radiance: counts.lost / counts.paths.max(1) as f64,
             }),
         }
+    }
+}
+
+impl ScatteringSettings {
+    /// Returns the settings that [`ScatteringSettings::record`] has put into a capture, with the albedo that the
+    /// transfer function had of its own; `None` without an albedo.
+    pub(in crate::app) fn of_record(record: &Value) -> Option<(Self, Option<Arc<AlbedoFunction>>)> {
+        fn read<T: serde::de::DeserializeOwned>(record: &Value, path: &str) -> Option<T> {
+            let value = record.pointer(path).filter(|value| !value.is_null())?;
+            T::deserialize(value).ok()
+        }
+        let color = |path: &str| read::<[f32; 3]>(record, path);
+        let own: Option<Vec<[f64; 4]>> = read(record, "/tf_albedo/points");
+        let settings = Self {
+            albedo: Some(color("/albedo")?),
+            tf_color: read(record, "/tf_color"),
+            anisotropy: read(record, "/anisotropy"),
+            gradient_shading: read(record, "/gradient_shading"),
+            gradient_scale: read(record, "/gradient_scale").unwrap_or_default(),
+            specular: read(record, "/specular"),
+            roughness: read(record, "/roughness"),
+            extinction_color: color("/extinction_color"),
+            sun: read(record, "/sun/direction"),
+            sun_color: color("/sun/irradiance").unwrap_or([1.0; 3]),
+            sun_angle: read(record, "/sun/angle_degrees").unwrap_or_default(),
+            sky: read(record, "/sky"),
+            max_bounces: read(record, "/max_bounces"),
+            ..Self::default()
+        };
+        settings.check_ranges().ok()?;
+        Some((settings, own.and_then(|points| AlbedoFunction::new(&points).ok()).map(Arc::new)))
     }
 }
 

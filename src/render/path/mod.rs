@@ -24,6 +24,7 @@ mod near;
 mod near_lights;
 mod optics;
 mod phase;
+mod record;
 mod specular;
 mod tracking;
 
@@ -45,6 +46,7 @@ use glam::{DVec3, Vec3};
 use near::End;
 use near_lights::NearLights;
 use phase::PhaseFunction;
+pub(crate) use record::PathEvent;
 pub(crate) use specular::peak as specular_peak;
 use tracking::{Collision, Media, Visible};
 
@@ -57,8 +59,30 @@ pub struct Scratch {
     emission: preshaded::Tape<f32>,
     /// Light that camera rays meet elsewhere than at their first collisions, where it is kept apart.
     apart: Option<Vec<Event>>,
+    /// Events of the path that was traced last, where they are asked for.
+    record: Option<Vec<PathEvent>>,
     /// Events since the memory was made.
     pub counts: Counts,
+}
+
+impl Scratch {
+    /// Creates memory that keeps the events of the path that was traced last. Specular lobes, and light that is looked
+    /// for near lights, are none of them.
+    pub(crate) fn recording() -> Self {
+        Self { record: Some(Vec::new()), ..Self::default() }
+    }
+
+    /// Takes the events of the path that was traced last.
+    pub(crate) fn events(&mut self) -> impl Iterator<Item = PathEvent> + '_ {
+        self.record.iter_mut().flat_map(|record| record.drain(..))
+    }
+
+    #[inline(always)]
+    fn note(&mut self, event: impl FnOnce() -> PathEvent) {
+        if let Some(record) = &mut self.record {
+            record.push(event());
+        }
+    }
 }
 
 /// State that all paths along one camera's ray share; the cells on its way are kept with the scratch memory.
@@ -386,7 +410,9 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
             let known = colored.then(|| media.phase(&collision, at));
             let total = known.map_or(albedo, |phase| phase.total(albedo, ray.direction));
             if M::EMITS && !dark {
-                let emitted = weight * (Vec3::ONE - total) * media.source(&collision);
+                let light = weight * media.source(&collision);
+                scratch.note(|| PathEvent::Emitted { density: collision.density, light });
+                let emitted = light * (Vec3::ONE - total);
                 *if bounces == 0 { &mut out.unscattered } else { &mut out.indirect } += emitted;
             }
             if bounces == 0 {
@@ -401,6 +427,7 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
                 weight /= chance as f32;
             }
             weight *= total;
+            scratch.note(|| PathEvent::Scattered { density: collision.density });
             if bounces == limits.max_bounces || !survives(&mut weight, bounces, sampler) {
                 break;
             }
@@ -421,6 +448,7 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
                 let seen = if NEAR { seen * counts } else { seen };
                 let tint = |to| phase.tint(albedo, ray.direction, to);
                 let seen = if colored { seen * tint(arrival.direction) } else { seen };
+                scratch.note(|| PathEvent::Arrived(seen));
                 *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += seen;
             }
             if NEAR && bounces < limits.max_bounces {
@@ -433,13 +461,16 @@ impl<M: Media, const NEAR: bool> pulp::NullaryFnOnce for Path<'_, M, NEAR> {
             }
             (ray, drawn) = (Ray::new(at, direction), Some(density));
             if M::GLOWS && !dark {
-                out.indirect += weight * media.emitted(&ray, None, sampler, scratch);
+                let glow = weight * media.emitted(&ray, None, sampler, scratch);
+                scratch.note(|| PathEvent::Arrived(glow));
+                out.indirect += glow;
             }
             let next = media.collide(&ray, weight, sampler, scratch);
             let reach = next.map_or(f64::INFINITY, |(collision, _)| collision.distance);
             let survival = |distance| media.survival(&ray, distance, weight, scratch);
             let counts = |light, arrival: &_| if NEAR { end.left(light, arrival) } else { 1.0 };
             let met = lighting.hit_radiance(&ray, reach, density, survival, counts);
+            scratch.note(|| PathEvent::Arrived(weight * met));
             *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += weight * met;
             let Some((next, factor)) = next else { return out };
             (collision, weight) = (next, weight * factor);

@@ -68,6 +68,10 @@ impl GradientStudySettings {
     /// If the scene cannot be used, the derivatives are zero, or the page cannot be written.
     pub fn run(&self, context: &Context) -> Result<StudyReport> {
         let _inputs = inputs::protect(self.gradient.inputs(), self.gradient.limits);
+        if self.gradient.wrt.contains(&Wrt::Albedo) {
+            return Err(Error::unsupported("⟨wrt=albedo⟩ is estimated with standard errors, and has no study")
+                .hint("`cumulo gradient` states them; choose another ⟨wrt⟩"));
+        }
         let [_] = &self.gradient.wrt[..] else {
             return Err(Error::invalid("⟨wrt⟩: derivatives of one kind have errors in one unit")
                 .hint("give one kind: ⟨wrt=density⟩"));

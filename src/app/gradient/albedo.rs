@@ -1,0 +1,210 @@
+//! Derivatives of pictures of scattered light by the albedo, estimated along paths.
+//!
+//! Medium and lights are those that the target records, which `render` made with an albedo.
+
+use super::report::{GradientReport, Row};
+use super::{GradientSettings, LossName, Wrt};
+use crate::app::pictures::colors::Colors;
+use crate::app::pictures::scattering::ScatteringSettings;
+use crate::app::{Context, photos, volume};
+use crate::differentiate::albedo::{AlbedoGradient, Paths, by_albedo};
+use crate::differentiate::loss::{Loss, Rgba};
+use crate::error::{Error, Result};
+use crate::formats::captures;
+use crate::formats::transfer::Function;
+use crate::formats::transforms;
+use crate::inverse::observation::photo::Photo;
+use crate::render::film::{self, Sampling};
+use crate::render::path::PathTracer;
+use crate::scene::capture::Capture;
+use crate::scene::medium::{Medium, Source};
+use crate::scene::scene::Scene;
+use crate::scene::volume::Volume;
+
+/// Paths of a pixel unless stated.
+const SAMPLES: u32 = 64;
+/// Channels, as names have them.
+const CHANNELS: [&str; 3] = ["red", "green", "blue"];
+
+/// A scene of scattered light that pictures are compared with.
+struct Lit {
+    scene: Scene,
+    capture: Capture,
+    scattering: ScatteringSettings,
+}
+
+impl GradientSettings {
+    /// True if derivatives by the albedo are asked for.
+    pub(super) fn is_by_albedo(&self) -> bool {
+        self.wrt.contains(&Wrt::Albedo)
+    }
+
+    /// Refuses settings that do not go with derivatives by the albedo.
+    pub(super) fn check_albedo(&self) -> Result<()> {
+        let refused = |what: &str, remedy: &str| Err(Error::invalid(what).hint(remedy));
+        match () {
+            () if !self.is_by_albedo() => match self.samples.is_some() || self.seed.is_some() {
+                true => {
+                    refused("⟨samples⟩ and ⟨seed⟩ are those of paths, which only ⟨wrt=albedo⟩ traces", "leave them out")
+                }
+                false => Ok(()),
+            },
+            () if self.wrt.iter().any(|wrt| *wrt != Wrt::Albedo) => refused(
+                "⟨wrt=albedo⟩ is estimated along paths, and the others along straight rays",
+                "ask for one kind at a time",
+            ),
+            () if !matches!(self.loss, LossName::L2 | LossName::Mean) => refused(
+                "of noisy pictures only the losses l2 and mean have derivatives without bias",
+                "choose ⟨loss=l2⟩ or mean",
+            ),
+            () if self.target.is_none() => refused(
+                "⟨wrt=albedo⟩ takes albedo and lights of the pictures of ⟨target⟩, and there is none",
+                "render a capture with an albedo, and give it as ⟨target⟩",
+            ),
+            () if self.check => refused(
+                "⟨check⟩: derivatives by the albedo are estimates, and have standard errors",
+                "leave it out; more ⟨samples⟩ make the errors smaller",
+            ),
+            () if self.report.is_some() || !self.prior.is_empty() => {
+                refused("⟨wrt=albedo⟩ has neither a page nor priors", "leave out ⟨report⟩ and ⟨prior⟩")
+            }
+            () => Ok(()),
+        }
+    }
+
+    /// Estimates the derivatives by the albedo.
+    ///
+    /// # Errors
+    /// If the volume or the target cannot be used, or the target records no albedo.
+    pub(super) fn by_albedo(&self, context: &Context) -> Result<GradientReport> {
+        let Lit { scene, capture, scattering } = self.lit()?;
+        let at = |e: Error| e.at(&self.input);
+        let samples = self.samples.unwrap_or(SAMPLES);
+        let tracer = PathTracer::new(&scene).map_err(at)?.limits(scattering.limits()).background(capture.background);
+        let targets: Vec<Vec<Rgba>> = match self.loss().compares() {
+            true => {
+                let bar = context.steps(capture.frames.len() as u64, "reading pictures");
+                let take = |photo: Photo| photo.film.rgba.iter().map(|p| p.map(f64::from)).collect();
+                photos::each(&capture, None, self.limits, photos::WHOLE, &|| bar.inc(1), take)?
+            }
+            false => Vec::new(),
+        };
+        let (cancel, views) = (context.cancel(), scene.cameras.len());
+        let stage = context.steps(views as u64 + 1, "derivatives");
+        let (mut value, mut by_pixel) = (0.0, Vec::new());
+        for (view, camera) in scene.cameras.iter().enumerate() {
+            // Of random numbers of their own: derivatives times values would be biased otherwise.
+            let half = |half: u64| {
+                let seed =
+                    self.seed.unwrap_or(0) ^ (view as u64) << 32 ^ (half + 101).wrapping_mul(0xD1B5_4A32_D192_ED03);
+                let sampling = Sampling::random(samples.div_ceil(2), seed);
+                let film = film::render(&tracer, camera, sampling, &[], &cancel).ok_or_else(Error::cancelled)?.film;
+                Ok(film.rgba.iter().map(|p| p.map(f64::from)).collect::<Vec<Rgba>>())
+            };
+            let [a, b] = [half(0)?, half(1)?];
+            let mean: Vec<Rgba> = a.iter().zip(&b).map(|(a, b)| std::array::from_fn(|c| 0.5 * (a[c] + b[c]))).collect();
+            let target = targets.get(view).map(|target| &target[..]);
+            let (loss, derivatives) = self.loss().picture(&mean, target, camera.width as usize);
+            value += (loss - noise(self.loss(), [&a, &b])) / views as f64;
+            by_pixel.push(derivatives.iter().map(|d| [d[0], d[1], d[2]].map(|d| d / views as f64)).collect::<Vec<_>>());
+            stage.inc(1);
+        }
+        let paths = Paths { samples, seed: self.seed.unwrap_or(0), limits: scattering.limits() };
+        let gradient = by_albedo(&scene, &scene.cameras, &by_pixel, paths, &cancel).map_err(at)?;
+        stage.inc(1);
+        let rows = rows(&scene, &gradient);
+        Ok(GradientReport {
+            input: self.input.clone(),
+            loss: self.loss.name().to_owned(),
+            value,
+            parameters: rows.len(),
+            mode: "forward",
+            adjoint: None,
+            reason: format!("along {samples} paths a pixel, of which the standard errors tell the chance"),
+            precision: "f32",
+            quadrature: "paths".into(),
+            views,
+            up: None,
+            rows,
+            checked: None,
+            worst_relative_error: None,
+            warnings: Vec::new(),
+            tolerance: None,
+            output: None,
+            report: None,
+            seconds: 0.0,
+            provenance: None,
+        })
+    }
+
+    /// Reads the volume, and takes medium, lights and cameras of the target.
+    fn lit(&self) -> Result<Lit> {
+        let json = captures::file(self.target.as_deref().unwrap_or(&self.input));
+        let capture = captures::load(&json)?;
+        let root = transforms::read_object(&json, self.limits)?;
+        let record = root.get("scattering").and_then(ScatteringSettings::of_record).ok_or_else(|| {
+            Error::invalid("the capture records no albedo and no lights")
+                .at(&json)
+                .hint("give one that `render` has made with ⟨render.albedo⟩")
+        })?;
+        let (scattering, own) = record;
+        let from = (&self.scan, &self.transfer);
+        let (grid, loaded) = volume::read_with_function(&self.input, self.grid.as_deref(), from, self.limits)?;
+        let shown = capture.transfer.clone().map(|transfer| Function { transfer, albedo: own });
+        let function = if self.transfer.tf.is_some() { loaded } else { shown.or(loaded) };
+        let at = |e: Error| e.at(&self.input);
+        let field = volume::arrange(&grid, function.as_ref().map(|f| &f.transfer), self.limits).map_err(at)?;
+        let scale = self.density_scale.unwrap_or(capture.density_scale);
+        let medium = Medium::new(scale, Source::Grey(self.emission.unwrap_or(capture.emission)));
+        let medium = medium.chromatic(scattering.extinction_color())?;
+        let medium = match &function {
+            Some(function) => {
+                let Colors { color, own, .. } = Colors::of(function, scattering.tf_color)?;
+                medium.with_function(function.transfer.table()?, own, color)?
+            }
+            None => medium,
+        };
+        let medium = Medium { scattering: scattering.scattering(), ..medium };
+        let cameras = capture.frames.iter().map(|frame| frame.camera).collect();
+        let scene = Scene { volumes: vec![Volume::Density(field, medium)], cameras, ..Scene::default() };
+        Ok(Lit { scene: scattering.light(scene, self.limits)?, capture, scattering })
+    }
+}
+
+/// Returns what noise adds to a loss of the mean of two pictures: the variance of its colors, for their squares.
+fn noise(loss: Loss, [a, b]: [&[Rgba]; 2]) -> f64 {
+    if loss != Loss::L2 {
+        return 0.0;
+    }
+    let square = |(a, b): (&Rgba, &Rgba)| (0..3).map(|c| 0.25 * (a[c] - b[c]).powi(2)).sum::<f64>();
+    a.iter().zip(b).map(square).sum::<f64>() / (3 * a.len()).max(1) as f64
+}
+
+/// Returns the rows of the report.
+fn rows(scene: &Scene, gradient: &AlbedoGradient) -> Vec<Row> {
+    let medium = scene.volumes.first().and_then(Volume::density).map(|(_, medium)| medium);
+    let volume = medium.and_then(|medium| medium.scattering).map_or([0.0; 3], |s| s.albedo.map(f64::from));
+    let function = medium.and_then(|medium| medium.albedo_function.as_ref());
+    let points = function.map(|function| function.points()).unwrap_or_default();
+    let values = std::iter::once(("albedo".to_owned(), volume));
+    let points = points.iter().enumerate().map(|(i, [_, color @ ..])| (format!("albedo.point[{i}]"), *color));
+    let estimates = std::iter::once(&gradient.medium).chain(&gradient.points);
+    let of = |((name, value), estimates): ((String, [f64; 3]), &[_; 3])| {
+        let row = |c: usize| {
+            let estimate: &crate::differentiate::albedo::Estimate = &estimates[c];
+            Row {
+                name: format!("{name}.{}", CHANNELS[c]),
+                parameter: None,
+                group: "albedo",
+                value: value[c],
+                gradient: estimate.value,
+                standard_error: Some(estimate.error),
+                difference: None,
+                rounding: None,
+                relative_error: None,
+            }
+        };
+        [row(0), row(1), row(2)]
+    };
+    values.chain(points).zip(estimates).flat_map(of).collect()
+}
