@@ -22,18 +22,26 @@ const DEVIATIONS: f32 = 2.0;
 /// Share of the picture's mean square that is added to the square of a color before errors are taken as shares of it.
 const FLOOR: f32 = 0.01;
 
+/// Fewest pixels along a side of a picture of which halves tell anything; smaller ones stay noisy.
+const FEWEST: usize = 8;
+
 /// Sums over the pixels of a block: of what error and covariance leave, `E - C`, of its variance, and of `|N - M|²`.
 ///
 /// Of a bias β and noise of the variance σ² in each channel of a half, the variance of `E - C` is that of
 /// `β² - β·(a + b) + a·b`, `2 σ² |β|² + 3 σ⁴`, which is the mean of `4/3 |N - M|² |A - B|² / 4`.
 type Sums = [f32; 3];
 
+/// Errors as they are, and as shares of the colors: the share that is taken back is the greater one, so that the mean is
+/// no worse than the noisy picture by either.
+const KINDS: usize = 2;
+
 /// Takes back of the noisy halves, row by row from the top, what is due to the denoised ones. Pixels that are not
 /// finite stay as they are.
 pub fn take_back(size: [usize; 2], noisy: [&[Vec3]; 2], denoised: [&mut [Vec3]; 2]) {
     let [a, b] = denoised;
     let halves = Halves { size, noisy, denoised: [&*a, &*b] };
-    let shares = shares(&halves);
+    let small = size[0].min(size[1]) < FEWEST;
+    let shares = if small { vec![1.0; grid_len(size)] } else { shares(&halves) };
     if shares.iter().all(|share| *share == 0.0) {
         return;
     }
@@ -51,6 +59,12 @@ pub fn take_back(size: [usize; 2], noisy: [&[Vec3]; 2], denoised: [&mut [Vec3]; 
     }
 }
 
+/// Returns the number of blocks of a picture.
+fn grid_len(size: [usize; 2]) -> usize {
+    let grid = Grid::over(size);
+    grid.rows * grid.columns
+}
+
 /// Returns the share of each block, row by row.
 fn shares(halves: &Halves<'_>) -> Vec<f32> {
     let grid = Grid::over(halves.size);
@@ -61,29 +75,32 @@ fn shares(halves: &Halves<'_>) -> Vec<f32> {
         .filter(|c| c.is_finite())
         .fold((0.0_f64, 0.0_f64), |(sum, count), color| (sum + f64::from(color.length_squared()), count + 1.0));
     let floor = (FLOOR * (sum / count.max(1.0)) as f32).max(f32::MIN_POSITIVE);
-    let blocks: Vec<Sums> = (0..grid.rows * grid.columns)
+    let blocks: Vec<[Sums; KINDS]> = (0..grid.rows * grid.columns)
         .into_par_iter()
         .map(|block| sums(halves, [block % grid.columns, block / grid.columns], floor))
         .collect();
     let pooled = |block: usize| {
         let [column, row] = [block % grid.columns, block / grid.columns];
-        let mut all = [0.0_f32; 3];
+        let mut all = [[0.0_f32; 3]; KINDS];
         for y in row.saturating_sub(RADIUS)..(row + RADIUS + 1).min(grid.rows) {
             for x in column.saturating_sub(RADIUS)..(column + RADIUS + 1).min(grid.columns) {
-                all.iter_mut().zip(blocks[y * grid.columns + x]).for_each(|(all, v)| *all += v);
+                let of_block = blocks[y * grid.columns + x].iter().flatten();
+                all.iter_mut().flatten().zip(of_block).for_each(|(all, v)| *all += v);
             }
         }
-        let [excess, variance, apart] = all;
-        let due = excess - DEVIATIONS * variance.sqrt();
-        if due > 0.0 && apart > 0.0 { (due / apart).min(1.0) } else { 0.0 }
+        let due = all.map(|[excess, variance, apart]| {
+            let due = excess - DEVIATIONS * variance.sqrt();
+            if due > 0.0 && apart > 0.0 { (due / apart).min(1.0) } else { 0.0 }
+        });
+        due[0].max(due[1])
     };
     (0..blocks.len()).into_par_iter().map(pooled).collect()
 }
 
 /// Returns the sums of a block.
-fn sums(halves: &Halves<'_>, [column, row]: [usize; 2], floor: f32) -> Sums {
+fn sums(halves: &Halves<'_>, [column, row]: [usize; 2], floor: f32) -> [Sums; KINDS] {
     let Halves { size: [width, height], noisy, denoised } = *halves;
-    let mut sums = [0.0; 3];
+    let mut sums = [[0.0; 3]; KINDS];
     for y in row * BLOCK..((row + 1) * BLOCK).min(height) {
         for at in y * width + column * BLOCK..y * width + ((column + 1) * BLOCK).min(width) {
             let [[a, b], [da, db]] = [noisy, denoised].map(|colors| colors.map(|colors| colors[at]));
@@ -91,12 +108,13 @@ fn sums(halves: &Halves<'_>, [column, row]: [usize; 2], floor: f32) -> Sums {
             let own = (da - a).length_squared() + (db - b).length_squared();
             let error = 0.5 * (across - (a - b).length_squared()) - 0.25 * (da - db).length_squared();
             let mean = 0.5 * (da + db);
-            let weight = 1.0 / (mean.length_squared() + floor);
-            let excess = weight * (error - 0.125 * (across - own));
-            let apart = weight * (0.5 * (a + b) - mean).length_squared();
-            let noise = weight * 0.25 * (a - b).length_squared();
-            if (excess + apart + noise).is_finite() {
-                sums = [sums[0] + excess, sums[1] + 4.0 / 3.0 * apart * noise, sums[2] + apart];
+            for (sums, weight) in sums.iter_mut().zip([1.0 / floor, 1.0 / (mean.length_squared() + floor)]) {
+                let excess = weight * (error - 0.125 * (across - own));
+                let apart = weight * (0.5 * (a + b) - mean).length_squared();
+                let noise = weight * 0.25 * (a - b).length_squared();
+                if (excess + apart + noise).is_finite() {
+                    *sums = [sums[0] + excess, sums[1] + 4.0 / 3.0 * apart * noise, sums[2] + apart];
+                }
             }
         }
     }
@@ -193,7 +211,7 @@ mod tests {
 
     #[test]
     fn gaps_and_tiny_pictures_do_no_harm() {
-        for size in [[1, 1], [3, 2], [5, 9]] {
+        for size in [[1, 1], [3, 2], [5, 9], [9, 5]] {
             let (noisy, mut a, mut b) = ([Vec3::NAN; 45], [Vec3::ONE; 45], [Vec3::ONE; 45]);
             let count = size[0] * size[1];
             let noisy = [&noisy[..count]; 2];

@@ -63,6 +63,10 @@ pub struct Labels<'a> {
     surfaces: Option<Box<Surfaces>>,
 }
 
+/// Optical depth of the shortest edge of a voxel from which on it counts as opaque: collisions of paths lie so near to
+/// its face then that positions do not tell them apart.
+const OPAQUE: f64 = 1e9;
+
 /// Returns the error that pictures of labels are asked for more than they show.
 pub fn not_differentiated() -> Error {
     Error::unsupported("labels are looked up at the nearest voxel: their pictures have no derivatives")
@@ -95,7 +99,9 @@ impl<'a> Labels<'a> {
             return Err(Error::invalid("the function shows the label of the background, and bricks are missing there")
                 .hint("fill the field first: `Bricks::filled`"));
         }
-        let curve = Curve::new(table, medium.extinction);
+        let most = OPAQUE / field.transform.voxel_size().min_element() / medium.extinction;
+        let values = table.values().iter().map(|[r, g, b, extinction]| [*r, *g, *b, extinction.min(most)]);
+        let curve = Curve::new(&table.with_values(values.collect())?, medium.extinction);
         let half = DMat4::from_translation(DVec3::splat(-0.5));
         let transform = Affine::new(field.transform.matrix() * half)?;
         // The bricks may hold what lies beyond the last voxels of the data: background.

@@ -124,6 +124,12 @@ impl Transfer {
                 let [before, after] = [pair[0].label, pair[1].label];
                 return Err(Error::invalid(format!("label {after} comes after {before}: labels must ascend")));
             }
+            let unusable = |class: &Class| class.rgbs.iter().copied().find(|v| !(v.is_finite() && *v >= 0.0));
+            if let Some((label, bad)) = classes.iter().find_map(|class| Some((class.label, unusable(class)?))) {
+                return Err(Error::invalid(format!(
+                    "of label {label} a value is {bad}: colors and extinction must be finite and not negative"
+                )));
+            }
             let far = |class: &&Class| class.label.unsigned_abs() > MOST_LABEL;
             if let Some(class) = classes.iter().find(far) {
                 let error = format!("label {} is beyond {MOST_LABEL}: single precision cannot tell it", class.label);

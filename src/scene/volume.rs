@@ -121,6 +121,10 @@ pub fn outline_through(field: &Bricks<f32>, table: &Table) -> Vec<DVec3> {
     }
     // Bricks of the background, which the function shows, reach beyond the volume's end.
     let Aabb { min, max } = field.domain;
+    // A box without a volume has no middle that a camera could look at.
+    if (max - min).min_element() <= 0.0 {
+        return points;
+    }
     let within = |point: DVec3| field.transform.to_world(field.transform.to_index(point).clamp(min, max));
     points.into_iter().map(within).collect()
 }

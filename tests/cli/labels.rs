@@ -98,6 +98,16 @@ fn labels_keep_all_light_in_a_furnace() {
     }
 }
 
+/// An extinction beyond all measure is opaque, and paths come to an end.
+#[test]
+fn huge_extinctions_are_opaque() {
+    let work = work();
+    std::fs::write(work.path("huge.tf.json"), COLORS.replace("900", "3e38")).unwrap();
+    work.json(&format!("render labels.vdb --tf huge.tf.json --albedo 1 --sky 1 --samples 4 {SIZE} -o huge.exr"));
+    work.json(&format!("render labels.vdb --tf huge.tf.json {SIZE} -o straight.exr"));
+    assert!(work.picture("straight.exr").rgba.iter().any(|p| p[3] == 1.0));
+}
+
 #[test]
 fn what_labels_do_not_do_is_refused() {
     let work = work();
@@ -128,6 +138,11 @@ fn what_labels_do_not_do_is_refused() {
         &["--quadrature", "closed form"],
     );
     refused("render labels.vdb --tf labels --tf-range 0,1 --views 1 -o x", Code::Invalid, &["labels", "range"]);
+    work.json("render labels.vdb --tf labels --views 2 --size 8x8 -o shots");
+    refused("reconstruct tf shots --volume labels.vdb -o x.tf.json", Code::Unsupported, &["labels", "derivatives"]);
+    let negative = COLORS.replace("[0, 1, 0, 900]", "[0, -1, 0, 900]");
+    std::fs::write(work.path("negative.tf.json"), negative).unwrap();
+    refused("transfer negative.tf.json", Code::Invalid, &["label 7", "-1"]);
     let out = work.command("render labels.vdb --tf other.tf.json --views 1 --size 8x8 -o some").output().unwrap();
     assert!(out.status.success(), "{}", errors(&out));
 }

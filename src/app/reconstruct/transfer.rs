@@ -27,6 +27,7 @@ use crate::inverse::transfer::reconstruct::reconstruct;
 use crate::inverse::transfer::{Outcome, Request, Solver};
 use crate::metrics::error::unit_psnr_db;
 use crate::render::dvr::Dvr;
+use crate::render::labels::not_differentiated;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
@@ -274,6 +275,10 @@ impl TransferFunctionSettings {
 
     fn request(&self, capture: &Capture, field: &Bricks<f32>, held_out: Vec<usize>, task: &Task) -> Result<Request> {
         let load = |path: &Path| transfer::load(path, &Options::default()).map(|loaded| loaded.transfer);
+        let init = task.read_initial_guess(load)?;
+        if [&capture.transfer, &init].into_iter().flatten().any(Transfer::is_of_labels) {
+            return Err(not_differentiated().at(&self.capture));
+        }
         let (solver, usual) = match self.solver {
             Choice::Auto => (Solver::Newton, 14),
             Choice::Weiss2021 => (Solver::Weiss2021, 200),
@@ -290,7 +295,7 @@ impl TransferFunctionSettings {
             rays: self.rays as usize,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
             iterations: self.iterations.unwrap_or(usual),
-            init: task.read_initial_guess(load)?,
+            init,
             cancel: task.stop(),
         };
         Ok(request)

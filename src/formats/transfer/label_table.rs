@@ -22,7 +22,9 @@ pub(super) fn is_table(text: &str) -> bool {
 
 /// Returns the lines that are no comments, with their numbers.
 fn rows(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    let lines = text.lines().enumerate().map(|(number, line)| (number + 1, line.trim()));
+    // Lines end by a line feed, a carriage return, or both.
+    let lines = text.split('\n').flat_map(|line| line.strip_suffix('\r').unwrap_or(line).split('\r'));
+    let lines = lines.enumerate().map(|(number, line)| (number + 1, line.trim()));
     lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
@@ -73,7 +75,8 @@ fn row(line: &str) -> Option<Row> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let label = words.first()?.parse().ok()?;
     let numbers = |words: &[&str]| words.iter().map(|word| word.parse::<f64>().ok()).collect::<Option<Vec<_>>>();
-    let level = |v: f64| (0.0..=255.0).contains(&v).then_some(v / 255.0);
+    // A table of FreeSurfer's own has a level of 256.
+    let level = |v: f64| (0.0..=256.0).contains(&v).then_some((v / 255.0).min(1.0));
     if let Some((front, name)) = line.split_once('"') {
         let front: Vec<&str> = front.split_whitespace().collect();
         let [r, g, b, alpha, visible, _] = numbers(front.get(1..)?)?.try_into().ok()?;
@@ -122,6 +125,7 @@ mod tests {
         let found = classes(snap);
         assert_eq!((found[0].name.as_str(), found[0].rgbs), ("Label 1", [1.0, 0.0, 0.0, 2.0]));
         assert_eq!(found[1].rgbs[3], 0.0);
+        assert_eq!(classes("1 a 1 2 3 0\r2 b 256 2 3 0\r3 c 1 2 3 0\r\n").len(), 3);
     }
 
     #[test]
