@@ -1097,6 +1097,8 @@ class Derivative(Report):
     relative_error: float | None = None
     rounding: float | None = None
     """Error of the difference quotient that rounding of the loss alone may have made."""
+    standard_error: float | None = None
+    """Standard error of a derivative that is estimated."""
     value: float | None
 
 
@@ -1140,10 +1142,10 @@ class Transfer(Report):
     empty_at_zero: bool
     """True if density 0 absorbs nothing, so that empty space can be skipped."""
     entries: int
-    """Number of texels, points or lobes; 1 for an identity."""
+    """Number of texels, points, lobes or classes; 1 for an identity."""
     input: pathlib.Path
     kind: str
-    """Kind of function: `texture`, `piecewise`, `gaussians` or `identity`."""
+    """Kind of function: `texture`, `piecewise`, `gaussians`, `identity` or `labels`."""
     name: str | None
     notes: list[str]
     output: pathlib.Path | None
@@ -1198,9 +1200,9 @@ class SuggestedFunction(Report):
     empty_at_zero: bool
     """True if density 0 absorbs nothing, so that empty space can be skipped."""
     entries: int
-    """Number of texels, points or lobes; 1 for an identity."""
+    """Number of texels, points, lobes or classes; 1 for an identity."""
     kind: str
-    """Kind of function: `texture`, `piecewise`, `gaussians` or `identity`."""
+    """Kind of function: `texture`, `piecewise`, `gaussians`, `identity` or `labels`."""
     name: str
     """Name by what it shows: `all boundaries`, `boundary 1` and so on, or `ramp`."""
     number: int
