@@ -135,11 +135,12 @@ mod tests {
         let steps = [
             Begin,
             Backward,
-            Look { frame: 2, keep: false },
+            Look { frame: 2, keep: true },
             Look { frame: 1, keep: true },
             Look { frame: 0, keep: true },
             Denoise { frame: 0, write: false, again: true },
             Denoise { frame: 1, write: false, again: true },
+            Denoise { frame: 2, write: false, again: true },
             Rewind,
             Denoise { frame: 0, write: true, again: false },
         ];
