@@ -31,8 +31,8 @@ const FEWEST: usize = 8;
 /// `β² - β·(a + b) + a·b`, `2 σ² |β|² + 3 σ⁴`, which is the mean of `4/3 |N - M|² |A - B|² / 4`.
 type Sums = [f32; 3];
 
-/// Errors as they are, and as shares of the colors: the share that is taken back is the greater one, so that the mean is
-/// no worse than the noisy picture by either.
+/// Errors as they are, and as shares of the colors: the share that is taken back is the greater one, so that the mean
+/// is no worse than the noisy picture by either.
 const KINDS: usize = 2;
 
 /// Takes back of the noisy halves, row by row from the top, what is due to the denoised ones. Pixels that are not

@@ -5,8 +5,8 @@
 //! derivative of the product is a sum over collisions of products of all others, which is estimated along the same
 //! paths without bias. (Khungurn et al. 2015 differentiate fibers so, Zhang et al. 2019 all of a volume.)
 //!
-//! Paths end where the albedo is 0, and a color of 0 in the true medium would have no derivative. So paths are traced in
-//! a medium whose albedo is at least [`LEAST`] everywhere, and each collision is weighted by the ratio of the two.
+//! Paths end where the albedo is 0, and a color of 0 in the true medium would have no derivative. So paths are traced
+//! in a medium whose albedo is at least [`LEAST`] everywhere, and each collision is weighted by the ratio of the two.
 
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
@@ -25,7 +25,7 @@ use std::sync::Arc;
 /// Least albedo, and least color by density, of the medium that paths are traced in.
 const LEAST: f64 = 0.1;
 /// Independent estimates of which the mean and its standard error are stated.
-const REPLICATES: u32 = 8;
+pub const REPLICATES: usize = 8;
 
 /// Estimate of a derivative.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -57,14 +57,15 @@ pub struct Paths {
 }
 
 /// Returns the derivatives by the albedo of a loss whose derivatives by the colors of each camera's pixels, row by row
-/// from the top, are given. They must not depend on the random numbers of these paths.
+/// from the top, are given for each of [`REPLICATES`] estimates: where they are estimates themselves, those of one
+/// replicate must be independent of those of the others, and of the random numbers of these paths.
 ///
 /// # Errors
 /// If the scene is not one volume that scatters light without specular reflection, or the work is cancelled.
 pub fn by_albedo(
     scene: &Scene,
     cameras: &[Camera],
-    by_pixel: &[Vec<[f64; 3]>],
+    by_pixel: &[Vec<Vec<[f64; 3]>>; REPLICATES],
     paths: Paths,
     cancel: &Cancel,
 ) -> Result<AlbedoGradient> {
@@ -81,12 +82,12 @@ pub fn by_albedo(
     let tracer = PathTracer::new(&traced)?.limits(paths.limits).at_collisions();
     let rows: Vec<(usize, usize)> =
         (0..cameras.len()).flat_map(|view| (0..cameras[view].height as usize).map(move |row| (view, row))).collect();
-    let count = paths.samples.div_ceil(REPLICATES);
+    let count = paths.samples.div_ceil(REPLICATES as u32);
     let mut sums = vec![[DVec3::ZERO; 2]; albedos.parameters()];
-    for replicate in 0..REPLICATES {
+    for (replicate, by_pixel) in (1_u64..).zip(by_pixel) {
         let of_row = |scratch: &mut Scratch, (view, row): &(usize, usize)| {
             let (camera, view) = (&cameras[*view], *view as u64);
-            let seed = paths.seed ^ view << 32 ^ u64::from(replicate + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            let seed = paths.seed ^ view << 32 ^ replicate.wrapping_mul(0x9E37_79B9_7F4A_7C15);
             let mut replay = Replay::new(&albedos);
             for x in 0..camera.width as usize {
                 let share =
@@ -109,7 +110,7 @@ pub fn by_albedo(
             *squares += value * value;
         }
     }
-    let n = f64::from(REPLICATES);
+    let n = REPLICATES as f64;
     let estimates = sums.into_iter().map(|[sum, squares]| {
         let mean = sum / n;
         let variance = (squares / n - mean * mean).max(DVec3::ZERO) / (n - 1.0);
@@ -317,7 +318,8 @@ mod tests {
             let by_pixel = vec![weights.chunks(3).map(|w| [w[0], w[1], w[2]]).collect::<Vec<_>>()];
             let paths = Paths { samples: 4096, seed: 99, limits: Limits::default() };
             let at = scene(volume, points, emission);
-            let found = by_albedo(&at, &cameras, &by_pixel, paths, &Cancel::NEVER).unwrap();
+            let found =
+                by_albedo(&at, &cameras, &std::array::from_fn(|_| by_pixel.clone()), paths, &Cancel::NEVER).unwrap();
             assert_eq!(found.points.len(), points.map_or(0, |points| points.len()));
             for (parameter, channel) in (0..=found.points.len()).flat_map(|p| (0..3).map(move |c| (p, c))) {
                 let value = match (parameter, points) {
@@ -354,11 +356,11 @@ mod tests {
     fn what_has_no_derivative_is_refused() {
         let at = scene([0.5; 3], None, 0.0);
         let paths = Paths { samples: 8, seed: 0, limits: Limits::default() };
-        let refused = |scene: &Scene| by_albedo(scene, &[], &[], paths, &Cancel::NEVER).is_err();
+        let refused = |scene: &Scene| by_albedo(scene, &[], &Default::default(), paths, &Cancel::NEVER).is_err();
         assert!(!refused(&at) && refused(&Scene::default()));
         let cancel = Cancel::new();
         cancel.request();
         let camera = orbit::cameras(&ball().world_bounds().corners(), 1, Layout::Ring, 2, 2, 30.0, Up::Z);
-        assert!(by_albedo(&at, &camera, &[vec![[1.0; 3]; 4]], paths, &cancel).is_err());
+        assert!(by_albedo(&at, &camera, &std::array::from_fn(|_| vec![vec![[1.0; 3]; 4]]), paths, &cancel).is_err());
     }
 }

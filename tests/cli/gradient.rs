@@ -392,6 +392,13 @@ fn albedos_have_derivatives_with_standard_errors() {
             "{name}: {at_truth}"
         );
     }
+    // Estimates of other random numbers differ as the standard errors say.
+    let green = |seed: u32| row(&at("less", &format!("--samples 64 --seed {seed}")), "albedo.point[0].green");
+    let all: Vec<[f64; 2]> = (0..12).map(green).collect();
+    let mean = all.iter().map(|v| v[0]).sum::<f64>() / 12.0;
+    let spread = (all.iter().map(|v| (v[0] - mean).powi(2)).sum::<f64>() / 11.0).sqrt();
+    let stated = (all.iter().map(|v| v[1].powi(2)).sum::<f64>() / 12.0).sqrt();
+    assert!((0.5..2.0).contains(&(spread / stated)), "{spread} {stated}");
     // The loss is free of the pictures' noise, but for that of the target.
     let value = |name: &str| work::number(&at(name, "--samples 2048 --seed 5"), "value");
     let quotient = (value("more") - value("low")) / 0.08;
@@ -408,6 +415,17 @@ fn albedos_have_derivatives_with_standard_errors() {
     refused("gradient @plume.vdb --target lit --wrt albedo,camera --loss l2", &["--wrt albedo", "straight rays"]);
     refused("gradient @plume.vdb --target lit --wrt albedo --loss l1", &["without bias", "--loss l2"]);
     refused("gradient @plume.vdb --target lit --wrt albedo --loss l2 --check", &["--check", "standard errors"]);
+    refused("gradient @plume.vdb --target lit --wrt albedo --loss l2 --mode reverse", &["--mode", "paths"]);
+    work.json(&format!("render @plume.vdb --views 1 --size 8x8 --density-scale 4 {light} --samples 16 -o harmed"));
+    let json = std::fs::read_to_string(work.path("harmed/transforms.json")).unwrap();
+    let harmed = |from: &str, to: &str| {
+        assert!(json.contains(from), "{from} in {json}");
+        std::fs::write(work.path("harmed/transforms.json"), json.replacen(from, to, 1)).unwrap();
+    };
+    harmed("\"anisotropy\": 0.3", "\"anisotropy\": 2.5");
+    refused("gradient @plume.vdb --target harmed --wrt albedo --loss mean", &["anisotropy", "2.5"]);
+    harmed("\"anisotropy\": 0.3", "\"anisotropy\": \"much\"");
+    refused("gradient @plume.vdb --target harmed --wrt albedo --loss mean", &["'scattering' cannot be used", "much"]);
     refused("gradient @plume.vdb --views 1 --wrt camera --loss mean --samples 8", &["--samples", "--wrt albedo"]);
     work.json("render @plume.vdb --views 1 --size 8x8 -o dark");
     refused("gradient @plume.vdb --target dark --wrt albedo --loss l2", &["transforms.json", "records no albedo"]);

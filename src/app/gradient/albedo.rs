@@ -7,16 +7,19 @@ use super::{GradientSettings, LossName, Wrt};
 use crate::app::pictures::colors::Colors;
 use crate::app::pictures::scattering::ScatteringSettings;
 use crate::app::{Context, photos, volume};
-use crate::differentiate::albedo::{AlbedoGradient, Paths, by_albedo};
+use crate::differentiate::albedo::{AlbedoGradient, Estimate, Paths, REPLICATES, by_albedo};
 use crate::differentiate::loss::{Loss, Rgba};
+use crate::differentiate::study::ad_mode::Mode;
 use crate::error::{Error, Result};
 use crate::formats::captures;
 use crate::formats::transfer::Function;
 use crate::formats::transforms;
 use crate::inverse::observation::photo::Photo;
 use crate::render::film::{self, Sampling};
+use crate::render::labels::not_differentiated;
 use crate::render::path::PathTracer;
-use crate::scene::capture::Capture;
+use crate::render::quadrature::Quadrature;
+use crate::scene::capture::{Capture, EmissionModel};
 use crate::scene::medium::{Medium, Source};
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
@@ -68,6 +71,16 @@ impl GradientSettings {
             () if self.report.is_some() || !self.prior.is_empty() => {
                 refused("⟨wrt=albedo⟩ has neither a page nor priors", "leave out ⟨report⟩ and ⟨prior⟩")
             }
+            () if self.model.is_some()
+                || self.quadrature != Quadrature::Exact
+                || self.mode != Mode::Auto
+                || self.adjoint.is_some() =>
+            {
+                refused(
+                    "⟨model⟩, ⟨quadrature⟩, ⟨mode⟩ and ⟨adjoint⟩ are those of straight rays, and ⟨wrt=albedo⟩ follows paths",
+                    "leave them out",
+                )
+            }
             () => Ok(()),
         }
     }
@@ -80,7 +93,8 @@ impl GradientSettings {
         let Lit { scene, capture, scattering } = self.lit()?;
         let at = |e: Error| e.at(&self.input);
         let samples = self.samples.unwrap_or(SAMPLES);
-        let tracer = PathTracer::new(&scene).map_err(at)?.limits(scattering.limits()).background(capture.background);
+        let tracer = PathTracer::new(&scene).map_err(at)?.limits(scattering.limits());
+        let tracer = tracer.background(self.background.unwrap_or(capture.background));
         let targets: Vec<Vec<Rgba>> = match self.loss().compares() {
             true => {
                 let bar = context.steps(capture.frames.len() as u64, "reading pictures");
@@ -91,22 +105,25 @@ impl GradientSettings {
         };
         let (cancel, views) = (context.cancel(), scene.cameras.len());
         let stage = context.steps(views as u64 + 1, "derivatives");
-        let (mut value, mut by_pixel) = (0.0, Vec::new());
+        let mut value = 0.0;
+        let mut by_pixel: [Vec<Vec<[f64; 3]>>; REPLICATES] = Default::default();
         for (view, camera) in scene.cameras.iter().enumerate() {
             // Of random numbers of their own: derivatives times values would be biased otherwise.
-            let half = |half: u64| {
-                let seed =
-                    self.seed.unwrap_or(0) ^ (view as u64) << 32 ^ (half + 101).wrapping_mul(0xD1B5_4A32_D192_ED03);
-                let sampling = Sampling::random(samples.div_ceil(2), seed);
+            let estimate = |number: u64| {
+                let stream = (number + 101).wrapping_mul(0xD1B5_4A32_D192_ED03);
+                let seed = self.seed.unwrap_or(0) ^ (view as u64) << 32 ^ stream;
+                let sampling = Sampling::random(samples.div_ceil(REPLICATES as u32), seed);
                 let film = film::render(&tracer, camera, sampling, &[], &cancel).ok_or_else(Error::cancelled)?.film;
                 Ok(film.rgba.iter().map(|p| p.map(f64::from)).collect::<Vec<Rgba>>())
             };
-            let [a, b] = [half(0)?, half(1)?];
-            let mean: Vec<Rgba> = a.iter().zip(&b).map(|(a, b)| std::array::from_fn(|c| 0.5 * (a[c] + b[c]))).collect();
+            let pictures = (0..REPLICATES as u64).map(estimate).collect::<Result<Vec<_>>>()?;
             let target = targets.get(view).map(|target| &target[..]);
-            let (loss, derivatives) = self.loss().picture(&mean, target, camera.width as usize);
-            value += (loss - noise(self.loss(), [&a, &b])) / views as f64;
-            by_pixel.push(derivatives.iter().map(|d| [d[0], d[1], d[2]].map(|d| d / views as f64)).collect::<Vec<_>>());
+            let loss = |picture: &[Rgba]| self.loss().picture(picture, target, camera.width as usize);
+            value += (loss(&mean(&pictures)).0 - noise(self.loss(), &pictures)) / views as f64;
+            for (by_pixel, picture) in by_pixel.iter_mut().zip(&pictures) {
+                let derivatives = loss(picture).1;
+                by_pixel.push(derivatives.iter().map(|d| [d[0], d[1], d[2]].map(|d| d / views as f64)).collect());
+            }
             stage.inc(1);
         }
         let paths = Paths { samples, seed: self.seed.unwrap_or(0), limits: scattering.limits() };
@@ -142,12 +159,20 @@ impl GradientSettings {
         let json = captures::file(self.target.as_deref().unwrap_or(&self.input));
         let capture = captures::load(&json)?;
         let root = transforms::read_object(&json, self.limits)?;
-        let record = root.get("scattering").and_then(ScatteringSettings::of_record).ok_or_else(|| {
-            Error::invalid("the capture records no albedo and no lights")
+        let record = match root.get("scattering") {
+            Some(record) => ScatteringSettings::of_record(record).map_err(|e| e.at(&json))?,
+            None => None,
+        };
+        let (scattering, own) = record.ok_or_else(|| {
+            Error::invalid("the capture records no albedo and no lights of one volume")
                 .at(&json)
-                .hint("give one that `render` has made with ⟨render.albedo⟩")
+                .hint("give one that `render` has made of the volume itself with ⟨render.albedo⟩")
         })?;
-        let (scattering, own) = record;
+        if scattering.clamp.is_some() {
+            return Err(Error::unsupported("the pictures were clamped, which derivatives do not know of")
+                .at(&json)
+                .hint("render them without ⟨render.clamp⟩"));
+        }
         let from = (&self.scan, &self.transfer);
         let (grid, loaded) = volume::read_with_function(&self.input, self.grid.as_deref(), from, self.limits)?;
         let shown = capture.transfer.clone().map(|transfer| Function { transfer, albedo: own });
@@ -155,8 +180,15 @@ impl GradientSettings {
         let at = |e: Error| e.at(&self.input);
         let field = volume::arrange(&grid, function.as_ref().map(|f| &f.transfer), self.limits).map_err(at)?;
         let scale = self.density_scale.unwrap_or(capture.density_scale);
-        let medium = Medium::new(scale, Source::Grey(self.emission.unwrap_or(capture.emission)));
-        let medium = medium.chromatic(scattering.extinction_color())?;
+        if function.as_ref().is_some_and(|function| function.transfer.is_of_labels()) {
+            return Err(not_differentiated().at(&self.input));
+        }
+        let emission = self.emission.unwrap_or(capture.emission);
+        let source = match self.emission_model.unwrap_or(capture.emission_model) {
+            EmissionModel::Linear => Source::Linear(emission),
+            EmissionModel::Grey => Source::Grey(emission),
+        };
+        let medium = Medium::new(scale, source).chromatic(scattering.extinction_color())?;
         let medium = match &function {
             Some(function) => {
                 let Colors { color, own, .. } = Colors::of(function, scattering.tf_color)?;
@@ -171,13 +203,27 @@ impl GradientSettings {
     }
 }
 
-/// Returns what noise adds to a loss of the mean of two pictures: the variance of its colors, for their squares.
-fn noise(loss: Loss, [a, b]: [&[Rgba]; 2]) -> f64 {
+/// Returns the mean of pictures.
+fn mean(pictures: &[Vec<Rgba>]) -> Vec<Rgba> {
+    let share = 1.0 / pictures.len().max(1) as f64;
+    let mut mean = vec![[0.0; 4]; pictures.first().map_or(0, Vec::len)];
+    for picture in pictures {
+        let sums = mean.iter_mut().flatten().zip(picture.iter().flatten());
+        sums.for_each(|(sum, v): (&mut f64, &f64)| *sum += share * v);
+    }
+    mean
+}
+
+/// Returns what noise adds to a loss of the mean of independent pictures: the variance of its colors, for their squares.
+fn noise(loss: Loss, pictures: &[Vec<Rgba>]) -> f64 {
     if loss != Loss::L2 {
         return 0.0;
     }
-    let square = |(a, b): (&Rgba, &Rgba)| (0..3).map(|c| 0.25 * (a[c] - b[c]).powi(2)).sum::<f64>();
-    a.iter().zip(b).map(square).sum::<f64>() / (3 * a.len()).max(1) as f64
+    let mean = mean(pictures);
+    let n = pictures.len() as f64;
+    let square = |(a, b): (&Rgba, &Rgba)| (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f64>();
+    let sum: f64 = pictures.iter().flat_map(|picture| picture.iter().zip(&mean).map(square)).sum();
+    sum / (n * (n - 1.0)) / (3 * mean.len()).max(1) as f64
 }
 
 /// Returns the rows of the report.
@@ -189,16 +235,16 @@ fn rows(scene: &Scene, gradient: &AlbedoGradient) -> Vec<Row> {
     let values = std::iter::once(("albedo".to_owned(), volume));
     let points = points.iter().enumerate().map(|(i, [_, color @ ..])| (format!("albedo.point[{i}]"), *color));
     let estimates = std::iter::once(&gradient.medium).chain(&gradient.points);
-    let of = |((name, value), estimates): ((String, [f64; 3]), &[_; 3])| {
+    let of = |((name, value), estimates): ((String, [f64; 3]), &[Estimate; 3])| {
         let row = |c: usize| {
-            let estimate: &crate::differentiate::albedo::Estimate = &estimates[c];
+            let Estimate { value: derivative, error } = estimates[c];
             Row {
                 name: format!("{name}.{}", CHANNELS[c]),
                 parameter: None,
                 group: "albedo",
                 value: value[c],
-                gradient: estimate.value,
-                standard_error: Some(estimate.error),
+                gradient: derivative,
+                standard_error: Some(error),
                 difference: None,
                 rounding: None,
                 relative_error: None,

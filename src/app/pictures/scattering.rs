@@ -323,34 +323,74 @@ impl ScatteringSettings {
     }
 }
 
+/// What [`ScatteringSettings::record`] puts into a capture, as far as pictures depend on it.
+#[derive(Deserialize)]
+struct Record {
+    albedo: Option<[f32; 3]>,
+    tf_color: Option<TransferColor>,
+    tf_albedo: Option<RecordedAlbedo>,
+    anisotropy: Option<f64>,
+    gradient_shading: Option<f64>,
+    #[serde(default)]
+    gradient_scale: f64,
+    specular: Option<f64>,
+    roughness: Option<f64>,
+    extinction_color: Option<[f32; 3]>,
+    sky: Sky,
+    sun: Option<RecordedSun>,
+    max_bounces: Option<u32>,
+    clamp: Option<f64>,
+}
+
+/// Albedo of a transfer function in a record.
+#[derive(Deserialize)]
+struct RecordedAlbedo {
+    points: Vec<[f64; 4]>,
+}
+
+/// Sun of a record.
+#[derive(Deserialize)]
+struct RecordedSun {
+    direction: [f64; 3],
+    irradiance: [f32; 3],
+    angle_degrees: f64,
+}
+
 impl ScatteringSettings {
     /// Returns the settings that [`ScatteringSettings::record`] has put into a capture, with the albedo that the
     /// transfer function had of its own; `None` without an albedo.
-    pub(in crate::app) fn of_record(record: &Value) -> Option<(Self, Option<Arc<AlbedoFunction>>)> {
-        fn read<T: serde::de::DeserializeOwned>(record: &Value, path: &str) -> Option<T> {
-            let value = record.pointer(path).filter(|value| !value.is_null())?;
-            T::deserialize(value).ok()
-        }
-        let color = |path: &str| read::<[f32; 3]>(record, path);
-        let own: Option<Vec<[f64; 4]>> = read(record, "/tf_albedo/points");
-        let settings = Self {
-            albedo: Some(color("/albedo")?),
-            tf_color: read(record, "/tf_color"),
-            anisotropy: read(record, "/anisotropy"),
-            gradient_shading: read(record, "/gradient_shading"),
-            gradient_scale: read(record, "/gradient_scale").unwrap_or_default(),
-            specular: read(record, "/specular"),
-            roughness: read(record, "/roughness"),
-            extinction_color: color("/extinction_color"),
-            sun: read(record, "/sun/direction"),
-            sun_color: color("/sun/irradiance").unwrap_or([1.0; 3]),
-            sun_angle: read(record, "/sun/angle_degrees").unwrap_or_default(),
-            sky: read(record, "/sky"),
-            max_bounces: read(record, "/max_bounces"),
-            ..Self::default()
+    ///
+    /// # Errors
+    /// If the record is none, or a value is none that its setting may have.
+    pub(in crate::app) fn of_record(record: &Value) -> Result<Option<(Self, Option<Arc<AlbedoFunction>>)>> {
+        let unusable = |why: String| {
+            Error::invalid(format!("'scattering' cannot be used: {why}")).hint("render the pictures again")
         };
-        settings.check_ranges().ok()?;
-        Some((settings, own.and_then(|points| AlbedoFunction::new(&points).ok()).map(Arc::new)))
+        let read = Record::deserialize(record).map_err(|e| unusable(e.to_string()))?;
+        let Some(albedo) = read.albedo else { return Ok(None) };
+        let usual = Self::default();
+        let (sun_color, sun_angle) =
+            read.sun.as_ref().map_or((usual.sun_color, usual.sun_angle), |sun| (sun.irradiance, sun.angle_degrees));
+        let settings = Self {
+            albedo: Some(albedo),
+            tf_color: read.tf_color,
+            anisotropy: read.anisotropy,
+            gradient_shading: read.gradient_shading,
+            gradient_scale: read.gradient_scale,
+            specular: read.specular,
+            roughness: read.roughness,
+            extinction_color: read.extinction_color,
+            sun: read.sun.map(|sun| sun.direction),
+            sun_color,
+            sun_angle,
+            sky: Some(read.sky),
+            max_bounces: read.max_bounces,
+            clamp: read.clamp,
+            ..usual
+        };
+        settings.check_ranges().map_err(|e| unusable(e.what().to_string()))?;
+        let own = read.tf_albedo.map(|own| AlbedoFunction::new(&own.points)).transpose()?;
+        Ok(Some((settings, own.map(Arc::new))))
     }
 }
 

@@ -34,8 +34,8 @@ pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> 
         return match alone && !medium.is_chromatic() {
             true => Ok(Box::new(Labelled::new(field, medium)?)),
             false => Err(Error::unsupported(
-                "light is scattered by one volume of labels, without others, meshes, grids that emit, or extinctions by \
-                 channel",
+                "light is scattered by one volume of labels, without others, meshes, grids that emit, or extinctions \
+                 by channel",
             )
             .hint("render the labels alone, or give a function that is none of labels")),
         };
