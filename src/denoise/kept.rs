@@ -12,7 +12,8 @@
 
 use super::blocks::{BLOCK, Grid};
 use super::halves::Halves;
-use glam::Vec3;
+use super::reprojection::around;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Blocks to each side over which the share is estimated.
@@ -40,17 +41,17 @@ const KINDS: usize = 2;
 pub fn take_back(size: [usize; 2], noisy: [&[Vec3]; 2], denoised: [&mut [Vec3]; 2]) {
     let [a, b] = denoised;
     let halves = Halves { size, noisy, denoised: [&*a, &*b] };
-    let small = size[0].min(size[1]) < FEWEST;
-    let shares = if small { vec![1.0; grid_len(size)] } else { shares(&halves) };
-    if shares.iter().all(|share| *share == 0.0) {
-        return;
-    }
     let grid = Grid::over(size);
+    let shares =
+        if size[0].min(size[1]) < FEWEST { vec![[1.0]; grid.rows * grid.columns] } else { shares(&halves, grid) };
     for (denoised, noisy) in [a, b].into_iter().zip(noisy) {
         let rows = denoised.par_chunks_mut(size[0]).zip(noisy.par_chunks(size[0])).enumerate();
         rows.for_each(|(y, (denoised, noisy))| {
             for (x, (to, from)) in denoised.iter_mut().zip(noisy).enumerate() {
-                let share = grid_value(&shares, grid, [x, y]);
+                let place = (Vec2::new(x as f32, y as f32) + 0.5) / BLOCK as f32 - 0.5;
+                let last = Vec2::new((grid.columns - 1) as f32, (grid.rows - 1) as f32);
+                let around = around([grid.columns, grid.rows], place.max(Vec2::ZERO).min(last));
+                let [share] = around.map_or([0.0], |around| around.sum(&shares));
                 if share > 0.0 && from.is_finite() {
                     *to += (*from - *to) * share;
                 }
@@ -59,15 +60,8 @@ pub fn take_back(size: [usize; 2], noisy: [&[Vec3]; 2], denoised: [&mut [Vec3]; 
     }
 }
 
-/// Returns the number of blocks of a picture.
-fn grid_len(size: [usize; 2]) -> usize {
-    let grid = Grid::over(size);
-    grid.rows * grid.columns
-}
-
 /// Returns the share of each block, row by row.
-fn shares(halves: &Halves<'_>) -> Vec<f32> {
-    let grid = Grid::over(halves.size);
+fn shares(halves: &Halves<'_>, grid: Grid) -> Vec<[f32; 1]> {
     let (sum, count) = halves
         .denoised
         .iter()
@@ -92,7 +86,7 @@ fn shares(halves: &Halves<'_>) -> Vec<f32> {
             let due = excess - DEVIATIONS * variance.sqrt();
             if due > 0.0 && apart > 0.0 { (due / apart).min(1.0) } else { 0.0 }
         });
-        due[0].max(due[1])
+        [due[0].max(due[1])]
     };
     (0..blocks.len()).into_par_iter().map(pooled).collect()
 }
@@ -119,19 +113,6 @@ fn sums(halves: &Halves<'_>, [column, row]: [usize; 2], floor: f32) -> [Sums; KI
         }
     }
     sums
-}
-
-/// Returns the value of a pixel between those of the blocks around it, linear between their middles.
-fn grid_value(values: &[f32], grid: Grid, pixel: [usize; 2]) -> f32 {
-    let place = |at: usize, count: usize| {
-        let place = ((at as f32 + 0.5) / BLOCK as f32 - 0.5).clamp(0.0, (count - 1) as f32);
-        let low = (place as usize).min(count.saturating_sub(2));
-        (low, (low + 1).min(count - 1), place - low as f32)
-    };
-    let [(left, right, x), (top, bottom, y)] = [place(pixel[0], grid.columns), place(pixel[1], grid.rows)];
-    let at = |row: usize, column: usize| values[row * grid.columns + column];
-    let [upper, lower] = [top, bottom].map(|row| at(row, left) + x * (at(row, right) - at(row, left)));
-    upper + y * (lower - upper)
 }
 
 #[cfg(test)]

@@ -15,7 +15,6 @@ use crate::render::path::{Limits, PathEvent, PathTracer, Scratch};
 use crate::render::sampler::Sampler;
 use crate::render::tiles;
 use crate::scene::albedo::AlbedoFunction;
-use crate::scene::camera::Camera;
 use crate::scene::medium::{Medium, Scattering};
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
@@ -39,9 +38,9 @@ pub struct Estimate {
 /// Derivatives of a loss in red, green and blue.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlbedoGradient {
-    /// By the albedo of the medium.
+    /// Derivatives by the albedo of the medium.
     pub medium: [Estimate; 3],
-    /// By the color of each point of its albedo by density; empty if there is none.
+    /// Derivatives by the color of each point of its albedo by density; empty if there is none.
     pub points: Vec<[Estimate; 3]>,
 }
 
@@ -56,20 +55,21 @@ pub struct Paths {
     pub limits: Limits,
 }
 
-/// Returns the derivatives by the albedo of a loss whose derivatives by the colors of each camera's pixels, row by row
-/// from the top, are given for each of [`REPLICATES`] estimates: where they are estimates themselves, those of one
-/// replicate must be independent of those of the others, and of the random numbers of these paths.
+/// Returns the derivatives by the albedo of a loss on the pictures of the scene's cameras. Its derivatives by the colors
+/// of each camera's pixels, row by row from the top, are given for each of [`REPLICATES`] estimates: where they are
+/// estimates themselves, those of one replicate must be independent of those of the others, and of the random numbers
+/// of these paths.
 ///
 /// # Errors
 /// If the scene is not one volume that scatters light without specular reflection, or the work is cancelled.
 pub fn by_albedo(
-    scene: &Scene,
-    cameras: &[Camera],
+    mut scene: Scene,
     by_pixel: &[Vec<Vec<[f64; 3]>>; REPLICATES],
     paths: Paths,
     cancel: &Cancel,
 ) -> Result<AlbedoGradient> {
-    let ([Volume::Density(field, medium)], None) = (&scene.volumes[..], &scene.meshes) else {
+    let cameras = std::mem::take(&mut scene.cameras);
+    let ([Volume::Density(field, medium)], None) = (&mut scene.volumes[..], &scene.meshes) else {
         return Err(Error::unsupported("derivatives by the albedo are those of one volume, without meshes and fire")
             .hint("leave the others out"));
     };
@@ -77,21 +77,19 @@ pub fn by_albedo(
         return Err(Error::unsupported("derivatives by the albedo are those of a medium without specular reflection")
             .hint("leave ⟨specular⟩ out"));
     };
-    let (lifted, albedos) = lifted(medium, scattering)?;
-    let traced = Scene { volumes: vec![Volume::Density(field.clone(), lifted)], ..scene.clone() };
-    let tracer = PathTracer::new(&traced)?.limits(paths.limits).at_collisions();
+    let albedos = raise(medium, scattering, field.reference)?;
+    let tracer = PathTracer::new(&scene)?.limits(paths.limits).at_collisions();
     let rows: Vec<(usize, usize)> =
         (0..cameras.len()).flat_map(|view| (0..cameras[view].height as usize).map(move |row| (view, row))).collect();
     let count = paths.samples.div_ceil(REPLICATES as u32);
     let mut sums = vec![[DVec3::ZERO; 2]; albedos.parameters()];
     for (replicate, by_pixel) in (1_u64..).zip(by_pixel) {
         let of_row = |scratch: &mut Scratch, (view, row): &(usize, usize)| {
-            let (camera, view) = (&cameras[*view], *view as u64);
-            let seed = paths.seed ^ view << 32 ^ replicate.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            let camera = &cameras[*view];
+            let seed = paths.seed ^ (*view as u64) << 32 ^ replicate.wrapping_mul(0x9E37_79B9_7F4A_7C15);
             let mut replay = Replay::new(&albedos);
             for x in 0..camera.width as usize {
-                let share =
-                    DVec3::from_array(by_pixel[view as usize][row * camera.width as usize + x]) / f64::from(count);
+                let share = DVec3::from_array(by_pixel[*view][row * camera.width as usize + x]) / f64::from(count);
                 for number in 0..count {
                     let mut sampler = Sampler::new(seed, [x, *row], number);
                     let [u, v, ..] = sampler.stratified();
@@ -120,25 +118,20 @@ pub fn by_albedo(
     Ok(AlbedoGradient { medium: estimates.next().unwrap_or_default(), points: estimates.collect() })
 }
 
-/// Returns the medium whose albedo is at least [`LEAST`], and both albedos.
-fn lifted(medium: &Medium, scattering: Scattering) -> Result<(Medium, Albedos)> {
+/// Raises the albedo of a medium to [`LEAST`] at least, and returns both albedos, of densities that are stored as
+/// differences to a reference.
+fn raise(medium: &mut Medium, scattering: Scattering, reference: f64) -> Result<Albedos> {
     let least = |v: f64| v.max(LEAST);
-    let volume = DVec3::from_array(scattering.albedo.map(f64::from));
     let raised = scattering.albedo.map(|v| least(v.into()) as f32);
-    let points = medium.albedo_function.as_ref().map(|function| function.points()).unwrap_or_default();
-    let function = match &points[..] {
-        [] => None,
-        points => {
-            let raised: Vec<_> = points.iter().map(|[d, r, g, b]| [*d, least(*r), least(*g), least(*b)]).collect();
-            Some(Arc::new(AlbedoFunction::new(&raised)?))
-        }
-    };
-    let lifted = Medium {
-        scattering: Some(Scattering { albedo: raised, ..scattering }),
-        albedo_function: function,
-        ..medium.clone()
-    };
-    Ok((lifted, Albedos { volume, raised: DVec3::from_array(raised.map(f64::from)), points }))
+    let mut points = medium.albedo_function.as_ref().map(|function| function.points()).unwrap_or_default();
+    if !points.is_empty() {
+        let raised: Vec<_> = points.iter().map(|[d, r, g, b]| [*d, least(*r), least(*g), least(*b)]).collect();
+        medium.albedo_function = Some(Arc::new(AlbedoFunction::new(&raised)?));
+    }
+    medium.scattering = Some(Scattering { albedo: raised, ..scattering });
+    points.iter_mut().for_each(|point| point[0] -= reference);
+    let [volume, raised] = [scattering.albedo, raised].map(|albedo| DVec3::from_array(albedo.map(f64::from)));
+    Ok(Albedos { volume, raised, points })
 }
 
 /// Albedo of a medium, and that of the one that paths are traced in.
@@ -186,7 +179,7 @@ struct Replay<'a> {
     albedos: &'a Albedos,
     /// Product over the collisions so far of the true albedo over that of the paths' medium.
     product: DVec3,
-    /// Its derivatives by the parameters.
+    /// Derivatives of the product by the parameters.
     by: Vec<DVec3>,
     /// Derivatives of the loss so far.
     gradient: Vec<DVec3>,
@@ -252,6 +245,7 @@ mod tests {
     use crate::math::Affine;
     use crate::render::film::{self, Sampling};
     use crate::scene::bricks::{Bricks, Topology};
+    use crate::scene::camera::Camera;
     use crate::scene::environment::Environment;
     use crate::scene::light::Light;
     use crate::scene::medium::Source;
@@ -317,9 +311,8 @@ mod tests {
             let weights: Vec<f64> = (0..3 * SIZE * SIZE).map(|i| (0.7 * i as f64).sin() + 0.5).collect();
             let by_pixel = vec![weights.chunks(3).map(|w| [w[0], w[1], w[2]]).collect::<Vec<_>>()];
             let paths = Paths { samples: 4096, seed: 99, limits: Limits::default() };
-            let at = scene(volume, points, emission);
-            let found =
-                by_albedo(&at, &cameras, &std::array::from_fn(|_| by_pixel.clone()), paths, &Cancel::NEVER).unwrap();
+            let at = Scene { cameras: cameras.clone(), ..scene(volume, points, emission) };
+            let found = by_albedo(at, &std::array::from_fn(|_| by_pixel.clone()), paths, &Cancel::NEVER).unwrap();
             assert_eq!(found.points.len(), points.map_or(0, |points| points.len()));
             for (parameter, channel) in (0..=found.points.len()).flat_map(|p| (0..3).map(move |c| (p, c))) {
                 let value = match (parameter, points) {
@@ -352,15 +345,38 @@ mod tests {
         }
     }
 
+    /// Densities that are stored as differences to a reference have the same derivatives.
+    #[test]
+    fn stored_differences_change_nothing() {
+        let points = [[0.1, 0.9, 0.0, 0.4], [0.5, 0.2, 0.7, 0.0], [0.9, 0.5, 0.5, 1.0]];
+        let of = |reference: f64| {
+            let moved = points.map(|[d, r, g, b]| [d + reference, r, g, b]);
+            let mut at = scene([0.9, 0.8, 0.7], Some(moved), 0.0);
+            if let [Volume::Density(field, Medium { source: Source::Transfer(table), .. })] = &mut at.volumes[..] {
+                *table = Arc::new(table.relative_to(-reference));
+                field.reference = reference;
+            }
+            at.cameras = orbit::cameras(&ball().world_bounds().corners(), 1, Layout::Ring, 4, 4, 30.0, Up::Z);
+            let paths = Paths { samples: 64, seed: 3, limits: Limits::default() };
+            by_albedo(at, &std::array::from_fn(|_| vec![vec![[1.0; 3]; 16]]), paths, &Cancel::NEVER).unwrap()
+        };
+        // A power of two, which moves points exactly.
+        let [a, b] = [0.0, 1024.0].map(of);
+        for (a, b) in a.points.iter().chain([&a.medium]).flatten().zip(b.points.iter().chain([&b.medium]).flatten()) {
+            assert!((a.value - b.value).abs() < 1e-6 * (1.0 + a.value.abs()), "{a:?} {b:?}");
+        }
+        assert!(a.points[1][0].value > 0.0);
+    }
+
     #[test]
     fn what_has_no_derivative_is_refused() {
-        let at = scene([0.5; 3], None, 0.0);
         let paths = Paths { samples: 8, seed: 0, limits: Limits::default() };
-        let refused = |scene: &Scene| by_albedo(scene, &[], &Default::default(), paths, &Cancel::NEVER).is_err();
-        assert!(!refused(&at) && refused(&Scene::default()));
+        let refused = |scene| by_albedo(scene, &Default::default(), paths, &Cancel::NEVER).is_err();
+        assert!(!refused(scene([0.5; 3], None, 0.0)) && refused(Scene::default()));
         let cancel = Cancel::new();
         cancel.request();
-        let camera = orbit::cameras(&ball().world_bounds().corners(), 1, Layout::Ring, 2, 2, 30.0, Up::Z);
-        assert!(by_albedo(&at, &camera, &std::array::from_fn(|_| vec![vec![[1.0; 3]; 4]]), paths, &cancel).is_err());
+        let cameras = orbit::cameras(&ball().world_bounds().corners(), 1, Layout::Ring, 2, 2, 30.0, Up::Z);
+        let at = Scene { cameras, ..scene([0.5; 3], None, 0.0) };
+        assert!(by_albedo(at, &std::array::from_fn(|_| vec![vec![[1.0; 3]; 4]]), paths, &cancel).is_err());
     }
 }

@@ -9,6 +9,7 @@ use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
 use crate::render::tiles::Watch;
 use crate::scene::scene::Scene;
+use crate::scene::shading::Shading;
 use crate::scene::volume::Volume;
 
 /// A direct volume renderer over the scene's environment.
@@ -57,6 +58,19 @@ impl<'a> DirectRenderer<'a> {
         match &scene.volumes[..] {
             [Volume::Density(_, medium)] if medium.labels().is_none() => Quadrature::usual(&medium.source),
             _ => Quadrature::Exact,
+        }
+    }
+
+    /// Shades the surfaces of labels as [`Labels::shaded`] does; other renderers stay as they are.
+    ///
+    /// # Errors
+    /// If a number of the shading cannot be used.
+    pub fn shaded_labels(self, shading: (Shading, f64)) -> Result<Self> {
+        match self {
+            Self::Labels(Composited { medium, background }) => {
+                Ok(Self::Labels(Composited { medium: medium.shaded(shading)?, background }))
+            }
+            other => Ok(other),
         }
     }
 

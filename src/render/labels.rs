@@ -36,7 +36,7 @@ impl Segment {
     }
 }
 
-/// Surfaces between labels that are seen through, and those that are not.
+/// Surfaces at which the opacity changes, and how they are shaded.
 #[derive(Debug, Clone)]
 struct Surfaces {
     shading: Shading,
@@ -67,10 +67,10 @@ pub struct Labels<'a> {
 /// its face then that positions do not tell them apart.
 const OPAQUE: f64 = 1e9;
 
-/// Returns the error that pictures of labels are asked for more than they show.
+/// Returns the error of who asks for derivatives of pictures of labels.
 pub fn not_differentiated() -> Error {
     Error::unsupported("labels are looked up at the nearest voxel: their pictures have no derivatives")
-        .hint("give a function that is none of labels; labels are rendered and viewed alone")
+        .hint("give a function that is none of labels")
 }
 
 /// Returns the standard deviation in voxels of the filter of surfaces' gradients where `stated` is asked for; of 0 it
@@ -284,14 +284,6 @@ impl EmissionAbsorption for Labels<'_> {
 }
 
 impl Composited<Labels<'_>> {
-    /// Shades the surfaces as [`Labels::shaded`] does.
-    ///
-    /// # Errors
-    /// If a number of the shading cannot be used.
-    pub fn shaded(self, shading: (Shading, f64)) -> Result<Self> {
-        Ok(Self { medium: self.medium.shaded(shading)?, ..self })
-    }
-
     /// Returns a bound of the change that ending rays early makes in any channel of a pixel, alpha included.
     pub fn left_out(&self) -> f64 {
         (-self.medium.depth_limit).exp() * self.unit()

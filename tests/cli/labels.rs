@@ -51,9 +51,6 @@ fn no_class_between_shows() {
     std::fs::write(work.path("inner.tf.json"), COLORS.replace("[1, 0, 0, 900]", "[1, 0, 0, 0]")).unwrap();
     work.json("render labels.vdb --tf inner.tf.json --from left --size 48x40 --density-scale 1 -o inner.exr");
     assert!(counts("inner.exr")[2] > 20);
-    // Through a function that is none of labels a class between two others shows.
-    let between = COLORS.replace("labels\", \"classes", "piecewise\", \"points").replace("\"name\": \"shell\", ", "");
-    assert!(between.contains("piecewise"));
 }
 
 /// The named function, a table of labels as text and the light of paths work on the same volume; alpha is the same
@@ -96,6 +93,32 @@ fn labels_keep_all_light_in_a_furnace() {
         let mean = colors.iter().sum::<f32>() / colors.len() as f32;
         assert!((mean - 1.0).abs() < 2e-3, "{more}: {mean}");
     }
+}
+
+/// One voxel in a background that is shown has cameras, and a study of labels varies what they have.
+#[test]
+fn small_and_studied_labels_work() {
+    let work = work();
+    let at = |p: DVec3| if p == DVec3::splat(3.0) { 2.0 } else { 0.0 };
+    let mut one = Grid { class: GridClass::Unknown, ..grid(8, unit(), at) };
+    for leaf in &mut one.leaves {
+        for i in (0..512).filter(|i| leaf.values[*i] == 0.0) {
+            leaf.active[i >> 6] &= !(1 << (i & 63));
+        }
+    }
+    work.write("one.vdb", &[&one]);
+    let background = COLORS
+        .replace("{\"label\": 7, \"rgbs\": [0, 1, 0, 900]},", "")
+        .replace("\"classes\": [", "\"classes\": [{\"label\": 0, \"rgbs\": [0.5, 0.5, 0.5, 0.1]},");
+    std::fs::write(work.path("background.tf.json"), background).unwrap();
+    work.json("render one.vdb --tf background.tf.json --views 1 --size 8x8 -o shots");
+    assert!(!std::fs::read_to_string(work.path("shots/transforms.json")).unwrap().contains("null, null"));
+    let alpha: f32 = work.picture("shots/view_000.exr").rgba.iter().map(|p| p[3]).sum();
+    assert!(alpha > 0.5, "{alpha}");
+    work.json("study render labels.vdb --tf labels --size 16x16 --repeats 1 -o page");
+    let report = work.json("figure shots/view_000.exr --tf colors.tf.json -o figure.svg");
+    let legend = &report["legend"];
+    assert_eq!((legend["classes"].as_u64(), &legend["range"]), (Some(4), &serde_json::json!([2.0, 40.0])));
 }
 
 /// An extinction beyond all measure is opaque, and paths come to an end.

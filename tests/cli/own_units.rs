@@ -185,6 +185,10 @@ fn diverging_functions_show_both_signs() {
     let wave = |p: DVec3| if p.x < 12.0 { -(0.3 * p.y).sin().abs() } else { (0.3 * p.z).sin().abs() };
     work.write("signed.vdb", &[&scan(0.0, wave)]);
     work.json(&format!("render signed.vdb {SIZE} --tf diverging -o both"));
+    work.write("far.vdb", &[&scan(0.0, |p| if p.x < 12.0 { -120.0 } else { 300.0 })]);
+    // A range of another unit is proposed as symmetric as the function is.
+    let far = remarks(&work, "render far.vdb --views 1 --size 8x8 --tf diverging -o far");
+    assert!(far.contains("--tf-range=-300,300"), "{far}");
     let rgba = work.picture("both/view_000.exr").rgba;
     assert!(rgba.iter().any(|p| p[2] > 1.5 * p[0]) && rgba.iter().any(|p| p[0] > 1.5 * p[2]));
     let list = work.text("transfer --list");

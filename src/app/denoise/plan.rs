@@ -64,7 +64,7 @@ impl Plan {
                 if two_way {
                     steps.push(Step::Backward);
                     let last = (end + overlap).min(write.len());
-                    let rehearsed = if from == run.start { (from + REHEARSED).min(last) } else { from };
+                    let rehearsed = if from == run.start { (from + REHEARSED.min(kept)).min(last) } else { from };
                     let kept = end.max(rehearsed);
                     steps.extend((from..last).rev().map(|frame| Step::Look { frame, keep: frame < kept }));
                     if rehearsed > from + 1 {

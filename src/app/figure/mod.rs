@@ -1,5 +1,6 @@
 //! Figures for papers: pictures with labels, scale bars, marks of the axes, and the legend of a transfer function.
 
+mod bar;
 mod drawing;
 mod font;
 mod layout;
@@ -36,7 +37,7 @@ use font::Font;
 use layout::Marks;
 use legend::Legend;
 use panel::Panel;
-use report::{LegendReport, PanelCamera, PanelReport};
+use report::{PanelCamera, PanelReport};
 use scale_bar::ScaleBar;
 use settings::{PER_INCH, POINTS};
 use std::path::Path;
@@ -85,11 +86,7 @@ impl FigureSettings {
             columns: self.in_row(panels.len()),
             panels: panels.iter().enumerate().map(|(i, panel)| self.described(i, panel, &marks)).collect(),
             length_unit: self.length_unit.clone(),
-            legend: marks.legend.as_ref().map(|legend| LegendReport {
-                range: legend.range,
-                ticks: legend.ticks.clone(),
-                largest_extinction: legend.peak,
-            }),
+            legend: marks.legend.as_ref().map(Legend::report),
             remarks: all_worded(remarks),
             seconds: begun.elapsed().as_secs_f64(),
         })

@@ -69,6 +69,9 @@ pub(super) struct LegendReport {
     pub ticks: Vec<f64>,
     /// Largest extinction per world unit.
     pub largest_extinction: f64,
+    /// Number of the classes of a function of labels that are not clear; none of another function.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub classes: Option<usize>,
 }
 
 impl fmt::Display for FigureReport {
@@ -88,9 +91,12 @@ impl fmt::Display for FigureReport {
                 }
             }
         }
-        if let Some(LegendReport { range: [low, high], ticks, .. }) = legend {
-            let ticks = if ticks.is_empty() { String::new() } else { format!(", {} ticks", ticks.len()) };
-            write!(f, "\n  legend from {} to {}{ticks}", number(*low), number(*high))?;
+        if let Some(LegendReport { range, ticks, classes, .. }) = legend {
+            let [low, high] = range.map(number);
+            match classes {
+                Some(classes) => write!(f, "\n  legend of {classes} labels from {low} to {high}")?,
+                None => write!(f, "\n  legend from {low} to {high}, {} ticks", ticks.len())?,
+            }
         }
         remarks.iter().try_for_each(|remark| write!(f, "\n  remark: {remark}"))
     }

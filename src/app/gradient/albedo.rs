@@ -10,7 +10,7 @@ use crate::app::{Context, photos, volume};
 use crate::differentiate::albedo::{AlbedoGradient, Estimate, Paths, REPLICATES, by_albedo};
 use crate::differentiate::loss::{Loss, Rgba};
 use crate::differentiate::study::ad_mode::Mode;
-use crate::error::{Error, Result};
+use crate::error::{Code, Error, Result};
 use crate::formats::captures;
 use crate::formats::transfer::Function;
 use crate::formats::transforms;
@@ -26,6 +26,8 @@ use crate::scene::volume::Volume;
 
 /// Paths of a pixel unless stated.
 const SAMPLES: u32 = 64;
+/// Bytes of a pixel: its target, the derivatives of the loss by each replicate's color, and these pictures.
+const BYTES: u64 = photos::WHOLE + REPLICATES as u64 * (24 + 48);
 /// Channels, as names have them.
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
@@ -77,7 +79,7 @@ impl GradientSettings {
                 || self.adjoint.is_some() =>
             {
                 refused(
-                    "⟨model⟩, ⟨quadrature⟩, ⟨mode⟩ and ⟨adjoint⟩ are those of straight rays, and ⟨wrt=albedo⟩ follows paths",
+                    "⟨wrt=albedo⟩ follows paths: ⟨model⟩, ⟨quadrature⟩, ⟨mode⟩ and ⟨adjoint⟩ are those of straight rays",
                     "leave them out",
                 )
             }
@@ -91,6 +93,12 @@ impl GradientSettings {
     /// If the volume or the target cannot be used, or the target records no albedo.
     pub(super) fn by_albedo(&self, context: &Context) -> Result<GradientReport> {
         let Lit { scene, capture, scattering } = self.lit()?;
+        let bytes = capture.pixels().saturating_mul(BYTES);
+        if bytes > self.limits.max_memory {
+            return Err(Error::unsupported(format!("{} pixels do not fit in memory", capture.pixels()))
+                .coded(Code::MemoryLimit)
+                .hint("use fewer or smaller pictures, or raise ⟨max_memory⟩"));
+        }
         let at = |e: Error| e.at(&self.input);
         let samples = self.samples.unwrap_or(SAMPLES);
         let tracer = PathTracer::new(&scene).map_err(at)?.limits(scattering.limits());
@@ -127,9 +135,11 @@ impl GradientSettings {
             stage.inc(1);
         }
         let paths = Paths { samples, seed: self.seed.unwrap_or(0), limits: scattering.limits() };
-        let gradient = by_albedo(&scene, &scene.cameras, &by_pixel, paths, &cancel).map_err(at)?;
+        drop(tracer);
+        let values = values(&scene);
+        let gradient = by_albedo(scene, &by_pixel, paths, &cancel).map_err(at)?;
         stage.inc(1);
-        let rows = rows(&scene, &gradient);
+        let rows = rows(values, &gradient);
         Ok(GradientReport {
             input: self.input.clone(),
             loss: self.loss.name().to_owned(),
@@ -214,7 +224,8 @@ fn mean(pictures: &[Vec<Rgba>]) -> Vec<Rgba> {
     mean
 }
 
-/// Returns what noise adds to a loss of the mean of independent pictures: the variance of its colors, for their squares.
+/// Returns what noise adds to a loss of the mean of independent pictures: the variance of its colors, for their
+/// squares.
 fn noise(loss: Loss, pictures: &[Vec<Rgba>]) -> f64 {
     if loss != Loss::L2 {
         return 0.0;
@@ -226,31 +237,30 @@ fn noise(loss: Loss, pictures: &[Vec<Rgba>]) -> f64 {
     sum / (n * (n - 1.0)) / (3 * mean.len()).max(1) as f64
 }
 
+/// Returns names and values of the albedo of the one volume of a scene, and of its color at each point.
+fn values(scene: &Scene) -> Vec<(String, [f64; 3])> {
+    let Some((_, medium)) = scene.volumes.first().and_then(Volume::density) else { return Vec::new() };
+    let volume = medium.scattering.map_or([0.0; 3], |scattering| scattering.albedo.map(f64::from));
+    let points = medium.albedo_function.as_ref().map(|function| function.points()).unwrap_or_default();
+    let point = |(i, [_, color @ ..]): (usize, &[f64; 4])| (format!("albedo.point[{i}]"), *color);
+    std::iter::once(("albedo".to_owned(), volume)).chain(points.iter().enumerate().map(point)).collect()
+}
+
 /// Returns the rows of the report.
-fn rows(scene: &Scene, gradient: &AlbedoGradient) -> Vec<Row> {
-    let medium = scene.volumes.first().and_then(Volume::density).map(|(_, medium)| medium);
-    let volume = medium.and_then(|medium| medium.scattering).map_or([0.0; 3], |s| s.albedo.map(f64::from));
-    let function = medium.and_then(|medium| medium.albedo_function.as_ref());
-    let points = function.map(|function| function.points()).unwrap_or_default();
-    let values = std::iter::once(("albedo".to_owned(), volume));
-    let points = points.iter().enumerate().map(|(i, [_, color @ ..])| (format!("albedo.point[{i}]"), *color));
+fn rows(values: Vec<(String, [f64; 3])>, gradient: &AlbedoGradient) -> Vec<Row> {
     let estimates = std::iter::once(&gradient.medium).chain(&gradient.points);
     let of = |((name, value), estimates): ((String, [f64; 3]), &[Estimate; 3])| {
-        let row = |c: usize| {
-            let Estimate { value: derivative, error } = estimates[c];
-            Row {
-                name: format!("{name}.{}", CHANNELS[c]),
-                parameter: None,
-                group: "albedo",
-                value: value[c],
-                gradient: derivative,
-                standard_error: Some(error),
-                difference: None,
-                rounding: None,
-                relative_error: None,
-            }
-        };
-        [row(0), row(1), row(2)]
+        [0, 1, 2].map(|c| Row {
+            name: format!("{name}.{}", CHANNELS[c]),
+            parameter: None,
+            group: "albedo",
+            value: value[c],
+            gradient: estimates[c].value,
+            standard_error: Some(estimates[c].error),
+            difference: None,
+            rounding: None,
+            relative_error: None,
+        })
     };
-    values.chain(points).zip(estimates).flat_map(of).collect()
+    values.into_iter().zip(estimates).flat_map(of).collect()
 }

@@ -90,14 +90,12 @@ impl PictureSettings {
                 match self.shade {
                     Some(shading) => {
                         let (shading, step) = ((shading, self.scattering.gradient_scale), quadrature.step());
-                        match DirectRenderer::new(scene, quadrature) {
-                            Ok(DirectRenderer::Labels(labels)) => {
-                                Renderer::Direct(DirectRenderer::Labels(labels.shaded(shading)?).early_stop(early_stop))
-                            }
-                            _ => {
-                                let shaded = Shaded::of_scene(scene, shading, step.unwrap_or(SHADED_STEP))?;
-                                Renderer::Shaded(shaded.with(|shaded| shaded.early_stop(early_stop)))
-                            }
+                        if scene.has_labels() {
+                            let labels = DirectRenderer::new(scene, quadrature)?.shaded_labels(shading)?;
+                            Renderer::Direct(labels.early_stop(early_stop))
+                        } else {
+                            let shaded = Shaded::of_scene(scene, shading, step.unwrap_or(SHADED_STEP))?;
+                            Renderer::Shaded(shaded.with(|shaded| shaded.early_stop(early_stop)))
                         }
                     }
                     None => Renderer::Direct(DirectRenderer::new(scene, quadrature)?.early_stop(early_stop)),

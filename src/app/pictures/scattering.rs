@@ -323,7 +323,7 @@ impl ScatteringSettings {
     }
 }
 
-/// What [`ScatteringSettings::record`] puts into a capture, as far as pictures depend on it.
+/// Record of a capture ([`ScatteringSettings::record`]), as far as pictures depend on it.
 #[derive(Deserialize)]
 struct Record {
     albedo: Option<[f32; 3]>,

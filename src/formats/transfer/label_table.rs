@@ -9,7 +9,7 @@ use super::{Loaded, Options, Source, color};
 use crate::error::{Error, Result};
 use crate::scene::transfer::{Class, Transfer};
 
-/// What a table that cannot be used should look like.
+/// Advice on the lines of a table.
 const EXPECTED: &str = "lines of label, name, red, green, blue and alpha (FreeSurfer, 3D Slicer) are expected, or of \
                         label, red, green, blue, alpha, visible, mesh and a quoted name (ITK-SNAP); colors at levels \
                         of 0 to 255";

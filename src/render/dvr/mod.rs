@@ -325,9 +325,7 @@ impl<'a, R: Real> Dvr<'a, R> {
             .hint("path tracing renders it"));
         }
         match &medium.source {
-            Source::Transfer(table) if table.is_categorical() => {
-                return Err(not_differentiated());
-            }
+            Source::Transfer(table) if table.is_categorical() => return Err(not_differentiated()),
             Source::Transfer(table) if table.at(field.background.f64())[3] > 0.0 && !field.is_filled() => {
                 return Err(Error::invalid(
                     "the transfer function absorbs at the field's background, and bricks are missing there",

@@ -149,9 +149,11 @@ fn single_by_density<'a>(scene: &'a Scene, field: &'a Bricks<f32>, medium: &Medi
     let One { dvr, optics, albedo, phases, shadows } = any(field, medium)?;
     Ok(match optics {
         Any::Transfer(optics) => {
-            with_phase(One { dvr, optics: ByDensity::new(optics, medium), albedo, phases, shadows })
+            with_phase(One { dvr, optics: ByDensity::new(optics, medium, field.reference), albedo, phases, shadows })
         }
-        optics => Box::new(One { dvr, optics: ByDensity::new(optics, medium), albedo, phases, shadows }),
+        optics => {
+            Box::new(One { dvr, optics: ByDensity::new(optics, medium, field.reference), albedo, phases, shadows })
+        }
     })
 }
 

@@ -37,11 +37,10 @@ impl<'a> Labelled<'a> {
         };
         let scattering = medium.scattering.map(smooth);
         let labels = Labels::new(field, &medium.densest_channel())?;
-        let relative = medium.clone().relative_to(field.reference);
         Ok(Self {
             opacity: labels.opacity(),
             labels,
-            optics: ByDensity::new(Any::new(&relative), &medium),
+            optics: ByDensity::new(Any::new(&medium.clone().relative_to(field.reference)), &medium, field.reference),
             albedo: Vec3::from_array(scattering.map_or([0.0; 3], |scattering| scattering.albedo)),
             phases: Glossy::new(Shaded::new(scattering), scattering),
         })

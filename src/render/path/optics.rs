@@ -2,8 +2,10 @@
 //! kernels that are made of them.
 
 use crate::render::curve::Curve;
+use crate::scene::albedo::AlbedoFunction;
 use crate::scene::medium::{Medium, Source};
 use glam::Vec3;
+use std::sync::Arc;
 
 /// Extinction and source of a medium by its density.
 pub(super) trait DensityMedium: Sync + Send {
@@ -95,9 +97,10 @@ pub(super) struct ByDensity<O> {
 }
 
 impl<O> ByDensity<O> {
-    /// Returns optics with the albedo of their medium.
-    pub(crate) fn new(optics: O, medium: &Medium) -> Self {
-        let color = medium.albedo_function.as_ref().map(|function| Curve::new(function.table(), 1.0));
+    /// Returns optics with the albedo of their medium, for densities that are stored as differences to a reference.
+    pub(crate) fn new(optics: O, medium: &Medium, reference: f64) -> Self {
+        let curve = |function: &Arc<AlbedoFunction>| Curve::new(&function.table().relative_to(reference), 1.0);
+        let color = medium.albedo_function.as_ref().map(curve);
         Self { optics, color }
     }
 }

@@ -178,7 +178,7 @@ pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a,
 
 /// Returns the volume for kernels that serve any medium whose albedo depends on the density.
 pub(super) fn any_by_density<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a, ByDensity<Any>, Shaded>> {
-    Ok(any(field, medium)?.with(|optics| ByDensity::new(optics, medium)))
+    Ok(any(field, medium)?.with(|optics| ByDensity::new(optics, medium, field.reference)))
 }
 
 /// Returns the volume for kernels that serve any medium at all, with surfaces that reflect.

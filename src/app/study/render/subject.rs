@@ -89,7 +89,7 @@ impl RenderStudySettings {
         let subject = Subject {
             paths,
             scatters: plan.as_ref().is_some_and(|plan| plan.integrator == Integrator::PathTracing),
-            pre_shaded: !matches!(&scene.volumes[..], [Volume::Density(..)]),
+            pre_shaded: scene.has_labels() || !matches!(&scene.volumes[..], [Volume::Density(..)]),
             by_function: source(&scene).is_some_and(|source| matches!(source, Source::Transfer(_))),
             by_depth: !paths && source(&scene).is_some_and(|source| matches!(source, Source::Grey(_))),
         };
