@@ -55,10 +55,10 @@ pub struct Paths {
     pub limits: Limits,
 }
 
-/// Returns the derivatives by the albedo of a loss on the pictures of the scene's cameras. Its derivatives by the colors
-/// of each camera's pixels, row by row from the top, are given for each of [`REPLICATES`] estimates: where they are
-/// estimates themselves, those of one replicate must be independent of those of the others, and of the random numbers
-/// of these paths.
+/// Returns the derivatives by the albedo of a loss on the pictures of the scene's cameras. Its derivatives by the
+/// colors of each camera's pixels, row by row from the top, are given for each of [`REPLICATES`] estimates: where they
+/// are estimates themselves, those of one replicate must be independent of those of the others, and of the random
+/// numbers of these paths.
 ///
 /// # Errors
 /// If the scene is not one volume that scatters light without specular reflection, or the work is cancelled.

@@ -79,7 +79,7 @@ impl GradientSettings {
                 || self.adjoint.is_some() =>
             {
                 refused(
-                    "⟨wrt=albedo⟩ follows paths: ⟨model⟩, ⟨quadrature⟩, ⟨mode⟩ and ⟨adjoint⟩ are those of straight rays",
+                    "⟨model⟩, ⟨quadrature⟩, ⟨mode⟩ and ⟨adjoint⟩ are of straight rays, ⟨wrt=albedo⟩ of paths",
                     "leave them out",
                 )
             }
@@ -93,12 +93,6 @@ impl GradientSettings {
     /// If the volume or the target cannot be used, or the target records no albedo.
     pub(super) fn by_albedo(&self, context: &Context) -> Result<GradientReport> {
         let Lit { scene, capture, scattering } = self.lit()?;
-        let bytes = capture.pixels().saturating_mul(BYTES);
-        if bytes > self.limits.max_memory {
-            return Err(Error::unsupported(format!("{} pixels do not fit in memory", capture.pixels()))
-                .coded(Code::MemoryLimit)
-                .hint("use fewer or smaller pictures, or raise ⟨max_memory⟩"));
-        }
         let at = |e: Error| e.at(&self.input);
         let samples = self.samples.unwrap_or(SAMPLES);
         let tracer = PathTracer::new(&scene).map_err(at)?.limits(scattering.limits());
@@ -164,10 +158,16 @@ impl GradientSettings {
         })
     }
 
-    /// Reads the volume, and takes medium, lights and cameras of the target.
+    /// Reads the volume, and takes medium, lights and cameras of the target, whose pictures must fit in memory.
     fn lit(&self) -> Result<Lit> {
         let json = captures::file(self.target.as_deref().unwrap_or(&self.input));
         let capture = captures::load(&json)?;
+        let bytes = capture.pixels().saturating_mul(BYTES);
+        if bytes > self.limits.max_memory {
+            return Err(Error::unsupported(format!("{} pixels do not fit in memory", capture.pixels()))
+                .coded(Code::MemoryLimit)
+                .hint("use fewer or smaller pictures, or raise ⟨max_memory⟩"));
+        }
         let root = transforms::read_object(&json, self.limits)?;
         let record = match root.get("scattering") {
             Some(record) => ScatteringSettings::of_record(record).map_err(|e| e.at(&json))?,
