@@ -28,6 +28,8 @@ pub(crate) type Sums = [f32; LANES];
 const TERMS: usize = 6;
 /// Place of the count of pixels.
 const COUNT: usize = TERMS;
+/// Place of the sum of the squares of what is predicted, which the frame's weight is taken from.
+const POWER: usize = TERMS + 1;
 
 /// Coefficients of a block: the share of each band.
 pub(crate) const SHARES: usize = 2;
@@ -67,8 +69,7 @@ pub(crate) fn add(lines: &Lines<'_>, floor: f32, kept: f32, arch: Arch, blocks: 
             let at = row * groups + at;
             let (z, histories, color) = (lines.predicted[at], &lines.histories[at], &lines.colors[at]);
             let seen = color[3] * histories.known;
-            // Errors of bright pixels are larger: all count by their relative ones.
-            let weight = seen / (((z[0] * z[0] + z[1] * z[1]) + z[2] * z[2]) + floor);
+            sums[POWER] += ((z[0] * z[0] + z[1] * z[1]) + z[2] * z[2]) * seen;
             let mut terms = [Lanes::ZERO; TERMS];
             for c in 0..3 {
                 let residual = color[c] - z[c];
@@ -86,13 +87,18 @@ pub(crate) fn add(lines: &Lines<'_>, floor: f32, kept: f32, arch: Arch, blocks: 
                 }
             }
             for (sum, term) in sums.iter_mut().zip(terms) {
-                *sum += term * weight;
+                *sum += term * seen;
             }
             sums[COUNT] += seen;
         }
         let pixels = arch.transposed(&sums.map(|sum| sum.0));
         for (block, sums) in pixels.chunks(BLOCK).zip(&mut *blocks) {
-            let sum = (Lanes(block[0]) + Lanes(block[1])) + (Lanes(block[2]) + Lanes(block[3]));
+            let mut sum = (Lanes(block[0]) + Lanes(block[1])) + (Lanes(block[2]) + Lanes(block[3]));
+            // Errors of bright blocks are larger: all count by their relative ones. Within a block they count as they are,
+            // or bright points were lost among dark pixels.
+            let weight = 1.0 / (sum.0[POWER] / sum.0[COUNT].max(1.0) + floor);
+            sum.0[..TERMS].iter_mut().for_each(|sum| *sum *= weight);
+            sum.0[POWER] = 0.0;
             *sums = (Lanes(*sums) * kept + sum).0;
         }
     }

@@ -184,7 +184,8 @@ impl GuidedDenoiser {
         let arch = Arch::default();
         let State { past, coding, .. } = &self.state;
         let histories = Histories { past, coding: *coding, frame, arch };
-        let smoothing = Smoothing { histories, ahead: frame.ahead, outline };
+        let illumination = &self.illumination;
+        let smoothing = Smoothing { histories, ahead: frame.ahead, outline, illumination };
         let is_ahead = frame.ahead.is_some_and(|ahead| ahead.frames() > 0);
         let bases = [!past.is_fresh, is_ahead, outline.alpha.is_some()];
         let kept = if bases == self.state.bases { FORGETTING } else { FORGETTING_AT_ENDS };
@@ -225,8 +226,9 @@ impl GuidedDenoiser {
     fn learn_detail(&mut self, width: usize, grid: Grid, kept: f32) {
         let groups = vectors(width);
         let State { level, details: before, .. } = &self.state;
-        let Scratch { motions, features, histories, colors, predicting, details, detail_sums, shares, .. } =
-            &mut self.scratch;
+        let Scratch {
+            motions, features, histories, colors, predicting, determined, details, detail_sums, shares, ..
+        } = &mut self.scratch;
         let floor = learning::error_floor(*level);
         let known = Predicting { width, grid, motions, predicting, details: before, floor, kept };
         let of_pixels = features
@@ -244,9 +246,10 @@ impl GuidedDenoiser {
             },
         );
         let sums = &*detail_sums;
-        let rows = shares.data.par_chunks_mut(detail::SHARES * grid.stride()).enumerate();
-        rows.with_min_len(8).for_each_init(Pool::default, |pool, (row, shares)| {
-            Arch::default().dispatch(SolveDetail { sums, row, pool, shares });
+        let rows = shares.data.par_chunks_mut(detail::SHARES * grid.stride());
+        let rows = rows.zip(determined.data.par_chunks_mut(grid.stride())).enumerate();
+        rows.with_min_len(8).for_each_init(Pool::default, |pool, (row, (shares, determined))| {
+            Arch::default().dispatch(SolveDetail { sums, row, pool, shares, determined });
         });
         std::mem::swap(&mut self.state.details, &mut self.scratch.details);
         self.scratch.details.resize(self.state.details.len(), [0.0; LANES]);
@@ -439,6 +442,8 @@ struct SolveDetail<'a> {
     row: usize,
     pool: &'a mut Pool,
     shares: &'a mut [f32],
+    /// Degrees of freedom of the models, which become those of what is predicted with the detail.
+    determined: &'a mut [f32],
 }
 
 impl pulp::NullaryFnOnce for SolveDetail<'_> {
@@ -446,7 +451,12 @@ impl pulp::NullaryFnOnce for SolveDetail<'_> {
 
     #[inline(always)]
     fn call(self) {
-        detail::solve_row(self.sums, self.row, POOL, self.pool, self.shares);
+        let Self { sums, row, pool, shares, determined } = self;
+        detail::solve_row(sums, row, POOL, pool, shares);
+        // Where the histories take its place, a model leaves none of the colors' own noise.
+        for (determined, share) in determined.iter_mut().zip(&*shares) {
+            *determined *= 1.0 - share;
+        }
     }
 }
 

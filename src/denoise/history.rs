@@ -15,13 +15,16 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Greatest share of the history of colors in its next state.
-const HISTORY: f32 = 0.85;
+const HISTORY: f32 = 0.86;
 /// Greatest share of the history of alpha in its next state.
 const ALPHA_HISTORY: f32 = 0.5;
 
 /// Multiple of what is around above which a color is cut before it enters the history. That biases the feature, which
 /// need not be without bias.
 const HISTORY_LIMIT: f32 = 8.0;
+
+/// Multiple of the history itself up to which a color is not cut: a point that shines on is no bright path.
+const OWN_LIMIT: f32 = 4.0;
 
 /// Multiple of what is around above which a color is cut before it is learned: a path of that brightness would outweigh
 /// all that was learned.
@@ -177,11 +180,13 @@ impl Histories<'_> {
             let cut = |limit: f32| share.select((share * limit).min(one), one);
             let learned = cut(COLOR_LIMIT);
             *colors = [color[0] * learned, color[1] * learned, color[2] * learned, seen];
-            let followed = cut(HISTORY_LIMIT);
             let mut before = [Lanes::ZERO; STORED];
             for (before, line) in before.iter_mut().zip(lines.chunks_exact(line)) {
                 *before = Lanes::load(line, MARGIN + at * LANES);
             }
+            let [r, g, b]: [Lanes; 3] = each(|c| before[c].max(Lanes::ZERO - before[c]));
+            let own = r.max(g).max(b) / most * OWN_LIMIT;
+            let followed = share.select((share * HISTORY_LIMIT).max(own).min(one), one);
             let count = before[COUNT];
             let keep = (count / (count + 1.0)).min(Lanes([HISTORY; LANES]));
             let mut next = [[0.0; LANES]; LANES];

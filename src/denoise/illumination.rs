@@ -28,6 +28,11 @@ pub(crate) const AFTER: usize = 2;
 const TERMS: usize = 5;
 /// Sums of a block: those of the changes, up to whole vectors.
 const SUMS: usize = 2 * LANES;
+/// Planes of what is found: the changes, and the trend, the mean change over the frame before of the latest frames.
+const FOUND: usize = CHANGES + 1;
+const TREND: usize = CHANGES;
+/// Share of the sums of a trend that is kept from frame to frame. Its chance is that of their squares.
+const KEPT: [f32; TERMS] = [0.8, 0.8, 0.8, 0.8, 0.64];
 /// Blocks to each side over which sums are pooled.
 const POOL: usize = 2;
 /// Squares of changes over their variance by chance between which they come to count.
@@ -54,27 +59,36 @@ pub(crate) struct Compared<'c> {
 #[derive(Debug, Default)]
 pub(crate) struct Illumination {
     sums: Planes,
-    /// The changes by block.
+    trends: Planes,
+    /// The changes by block, and their trend.
     pub changes: Planes,
 }
 
 impl Illumination {
+    /// Returns the trend of a row of blocks up to the frame before; none where no frame was compared yet.
+    pub(crate) fn trend(&self, row: usize) -> &[f32] {
+        if row < self.changes.grid().rows { self.changes.row(row, TREND) } else { &[] }
+    }
+
     /// Finds the changes, and gives the denoised colors, row by row, the illumination of the frame.
     pub(crate) fn follow(&mut self, compared: Compared<'_>, colors: &mut [Features]) {
         let Compared { frame, grid, .. } = compared;
         let groups = vectors(frame.size[0]);
         if self.sums.grid() != grid {
-            (self.sums, self.changes) = (Planes::new(grid, SUMS), Planes::new(grid, CHANGES));
+            let planes = |count: usize| Planes::new(grid, count);
+            (self.sums, self.trends, self.changes) = (planes(SUMS), planes(TERMS), planes(FOUND));
         }
-        let Self { sums, changes } = self;
-        let rows = sums.data.par_chunks_mut(SUMS * grid.stride()).zip(colors.par_chunks(BLOCK * groups));
-        rows.enumerate().with_min_len(2).for_each_init(Vec::new, |blocks, (row, (planes, colors))| {
-            Arch::default().dispatch(Sum { compared, row, colors, blocks, planes });
+        let Self { sums, trends, changes } = self;
+        let stride = grid.stride();
+        let rows = sums.data.par_chunks_mut(SUMS * stride).zip(trends.data.par_chunks_mut(TERMS * stride));
+        let rows = rows.zip(colors.par_chunks(BLOCK * groups)).enumerate();
+        rows.with_min_len(2).for_each_init(Vec::new, |blocks, (row, ((planes, trends), colors))| {
+            Arch::default().dispatch(Sum { compared, row, colors, blocks, planes, trends });
         });
-        let sums = &*sums;
-        let rows = changes.data.par_chunks_mut(CHANGES * grid.stride()).enumerate();
+        let (sums, trends) = (&*sums, &*trends);
+        let rows = changes.data.par_chunks_mut(FOUND * stride).enumerate();
         rows.with_min_len(8).for_each_init(Pool::default, |pool, (row, to)| {
-            Arch::default().dispatch(Solve { sums, row, alone: compared.alone, pool, to });
+            Arch::default().dispatch(Solve { sums, trends, row, alone: compared.alone, pool, to });
         });
         let changes = &*changes;
         let rows = colors.par_chunks_mut(groups).enumerate();
@@ -93,6 +107,8 @@ struct Sum<'a> {
     /// Scratch.
     blocks: &'a mut Vec<[f32; SUMS]>,
     planes: &'a mut [f32],
+    /// Sums of the trend, plane after plane.
+    trends: &'a mut [f32],
 }
 
 impl pulp::NullaryFnOnce for Sum<'_> {
@@ -100,7 +116,7 @@ impl pulp::NullaryFnOnce for Sum<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { compared, row, colors, blocks, planes } = self;
+        let Self { compared, row, colors, blocks, planes, trends } = self;
         let Compared { frame, grid, before, floor, .. } = compared;
         let width = frame.size[0];
         let groups = vectors(width);
@@ -138,12 +154,17 @@ impl pulp::NullaryFnOnce for Sum<'_> {
             }
         }
         to_planes(Arch::default(), blocks, planes, grid.stride());
+        let own = planes[BEFORE * TERMS * grid.stride()..].chunks_exact(grid.stride());
+        for ((trend, own), kept) in trends.chunks_exact_mut(grid.stride()).zip(own).zip(KEPT) {
+            trend.iter_mut().zip(own).for_each(|(trend, own)| *trend = *trend * kept + own);
+        }
     }
 }
 
 /// Solves for the changes of a row of blocks.
 struct Solve<'a> {
     sums: &'a Planes,
+    trends: &'a Planes,
     row: usize,
     alone: bool,
     pool: &'a mut Pool,
@@ -155,7 +176,12 @@ impl pulp::NullaryFnOnce for Solve<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { sums, row, alone, pool, to } = self;
+        let Self { sums, trends, row, alone, pool, to } = self;
+        let (vectors, pooled) = pool.sums(trends, row, (0..TERMS).map(|plane| (plane, POOL)));
+        for vector in 0..vectors {
+            let trend = change(each(|term| pooled[term * vectors + vector]));
+            trend.store(to, (TREND * vectors + vector) * LANES);
+        }
         let (vectors, pooled) = pool.sums(sums, row, (0..CHANGES * TERMS).map(|plane| (plane, POOL)));
         for vector in 0..vectors {
             let of = |place: usize| change(each(|term| pooled[(place * TERMS + term) * vectors + vector]));

@@ -43,6 +43,7 @@ mod ring;
 mod settings;
 mod signal;
 mod smoothing;
+mod spectrum;
 pub mod still;
 pub(crate) mod svgf;
 mod vectors;

@@ -15,6 +15,7 @@ use super::lanes::{LANES, Lanes, dot, each};
 use super::minimum::Minimum;
 use super::noise::{ADDED, Denoised, Learn, NOISE_POWER, PIXELS, RESIDUAL_POWER, SINCE, SUMS, Sums};
 use super::signal::{Calibrate, Calibration, POOL, SOLVED, Solve};
+use super::spectrum;
 use super::vectors::vectors;
 use crate::arch::Arch;
 use glam::Vec3;
@@ -34,6 +35,8 @@ pub(crate) struct Residuals {
     blocks: Vec<Sums>,
     next: Vec<Sums>,
     sums: Planes,
+    /// Sums of the residual's spectrum.
+    spectra: Planes,
     calibration: Calibration,
     minimum: Minimum,
     shares: Planes,
@@ -58,6 +61,7 @@ impl Residuals {
             *self = Self {
                 next: vec![[0.0; SUMS]; grid.rows * grid.columns],
                 sums: Planes::new(grid, SUMS),
+                spectra: Planes::new(grid, spectrum::SUMS),
                 minimum: Minimum::new(grid),
                 shares: Planes::new(grid, SOLVED),
                 rows: vec![estimate::Row::default(); grid.rows],
@@ -65,15 +69,20 @@ impl Residuals {
                 ..Self::default()
             };
         }
-        let Self { blocks, next, sums, calibration, minimum, shares, rows: of_rows, since, maps } = self;
+        let Self { blocks, next, sums, spectra, calibration, minimum, shares, rows: of_rows, since, maps } = self;
         let before = &blocks[..];
         let planes = sums.data.par_chunks_mut(SUMS * grid.stride());
         let rows = next.par_chunks_mut(grid.columns).zip(planes).zip(of_rows.par_iter_mut()).enumerate();
         rows.with_min_len(2).for_each_init(Vec::new, |light, (row, ((blocks, planes), of_row))| {
             *of_row = Arch::default().dispatch(Learn { denoised, before, row, light, blocks, planes });
         });
-        let sums = &*sums;
-        let of_row = |pool: &mut Pool, row: usize| Arch::default().dispatch(Calibrate { sums, motions, row, pool });
+        let rows = spectra.data.par_chunks_mut(spectrum::SUMS * grid.stride()).enumerate();
+        rows.with_min_len(2).for_each_init(Default::default, |(lines, blocks), (row, planes)| {
+            Arch::default().dispatch(spectrum::Sum { denoised, row, lines, blocks, planes });
+        });
+        let (sums, spectra) = (&*sums, &*spectra);
+        let of_row =
+            |pool: &mut Pool, row: usize| Arch::default().dispatch(Calibrate { sums, spectra, motions, row, pool });
         let rows = (POOL..grid.rows).into_par_iter().step_by(Calibrate::STEP);
         let found: Vec<Calibration> = rows.map_init(Pool::default, of_row).collect();
         // In order, so that the sum is the same for any number of threads.
@@ -83,7 +92,7 @@ impl Residuals {
         let (before, now) = minimum.advance();
         let rows = shares.data.par_chunks_mut(SOLVED * grid.stride()).zip(now.data.par_chunks_mut(grid.stride()));
         rows.enumerate().with_min_len(8).for_each_init(Pool::default, |pool, (row, (to, minima))| {
-            Arch::default().dispatch(Solve { sums, motions, row, pool, calibration, before, minima, to });
+            Arch::default().dispatch(Solve { sums, spectra, motions, row, pool, calibration, before, minima, to });
         });
         if denoised.alone {
             shares.data.chunks_mut(grid.stride()).step_by(SOLVED).for_each(|shares| shares.fill(0.0));

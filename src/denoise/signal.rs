@@ -3,7 +3,8 @@
 //! Several estimates of the [`noise`](super::noise) hold under different assumptions. Each alone can show that a
 //! residual is more than noise: the frame's own, that of all frames so far, and that of smooth surroundings. That of
 //! the nearest pixel takes the place of the frame's own where the frames around show another signal, and the
-//! [least of the frames before](super::minimum) that of the nearest pixel where texture hides the noise from it.
+//! [least of the frames before](super::minimum) that of the nearest pixel where texture hides the noise from it. The
+//! residual's [spectrum](super::spectrum) bounds them all.
 
 use super::blocks::{Planes, Pool};
 use super::lanes::{LANES, Lanes, each};
@@ -13,6 +14,7 @@ use super::noise::{
     RESIDUAL, RESIDUAL_POWER, SINCE,
 };
 use super::reprojection::noise_gain;
+use super::spectrum::{NoiseSpectrum, Powers, Spectrum};
 use glam::Vec2;
 
 /// Numbers that a block is solved for: the share of its residuals that is signal, and the mean square of its noise.
@@ -54,6 +56,15 @@ const FITTING: [f64; 2] = [0.05, 0.25];
 /// Shares of the noise that lie where the frames seem to show the same signal, between which that ceases to be chance
 /// in a picture where another signal is common.
 const BY_CHANCE: [f64; 2] = [0.1, 0.3];
+/// Shares of noise in the residual between which the frames before and after come to explain it.
+const EXPLAINED: [f32; 2] = [0.8, 0.95];
+/// Shares of the residual of a picture that is explained so, between which the spectrum of its noise comes to be known.
+const KNOWN: [f64; 2] = [0.02, 0.2];
+/// Shares of signal in the residual between which all of it comes to be given back, by the frames around and by the
+/// spectrum, which bounds the noise from above: giving back the little noise as well costs less than keeping texture
+/// that an estimate has missed.
+const NEARLY_ALL: [f32; 2] = [0.5, 0.8];
+const BY_SPECTRUM: [f32; 2] = [0.15, 0.6];
 /// Share of what resampling averages away of noise that counts as noise that neighbours share.
 const SPREAD: f32 = 0.5;
 /// Noise that is not known: as much as can be interpolated.
@@ -89,6 +100,8 @@ struct Pooled {
     pixels: Lanes,
     /// Least sum of noise of the frames before; infinite where unknown.
     minimum: Lanes,
+    /// Share of the residual that is noise at most, by its spectrum.
+    by_spectrum: Lanes,
 }
 
 impl Pooled {
@@ -133,6 +146,7 @@ impl Pooled {
                 power: pixels.select(noise_power.max(Lanes::ZERO) / pixels.max(least), Lanes([UNKNOWN; LANES])),
                 pixels: own_pixels,
                 minimum: Lanes([f32::INFINITY; LANES]),
+                by_spectrum: Lanes([f32::INFINITY; LANES]),
             };
             with(vector, &pooled);
         }
@@ -184,15 +198,12 @@ impl Pooled {
         // A difference's own square holds half of the noise of a single bright pixel, but less of what resampling
         // misses.
         let square = ((self.direct + (chance * 0.25).min(self.direct)) / residual).min(product);
-        let [from, to] = ONE_SIDED;
-        let part = ((square - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(one);
+        let part = between(square, ONE_SIDED);
         let now = square + (product - square) * part;
         let nearest = self.light_nearest / self.light.max(least);
         let near = nearest * factor;
         // Where texture hides the noise from nearest pixels, frames before tell it that lost none of the texture.
-        let [from, to] = VAGUE;
-        let vague = (near / now.max(least) - Lanes([from; LANES])) / Lanes([to - from; LANES]);
-        let vague = vague.max(Lanes::ZERO).min(one);
+        let vague = between(near / now.max(least), VAGUE);
         let near = near + (near.min(self.minimum * EARLIER / residual) - near) * vague;
         let most = vague.select(near, nearest * FARTHEST).min(nearest * FARTHEST);
         let other = self.other(deviations).max(Lanes([everywhere; LANES]));
@@ -209,10 +220,17 @@ impl Pooled {
         let since = since(self.noises).min(alike);
         let around = self.light_noise * AROUND / self.light.max(least);
         // Numbers that are none lose every comparison.
-        let signal = (one - now.min(since).min(around).min(most)).max(Lanes::ZERO).min(one);
+        let by_frames = (one - now.min(since).min(around).min(most)).max(Lanes::ZERO).min(one);
+        let signal = by_frames.max(between(by_frames, NEARLY_ALL)).max(between(one - self.by_spectrum, BY_SPECTRUM));
         // Small shares are more often chance than signal.
         signal * signal * (Lanes([3.0; LANES]) - signal * 2.0)
     }
+}
+
+/// Returns 0 where numbers are below the first of two limits, 1 above the second, and a linear ramp between.
+#[inline(always)]
+fn between(numbers: Lanes, [from, to]: [f32; 2]) -> Lanes {
+    ((numbers - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(Lanes([1.0; LANES]))
 }
 
 /// Sums over whole pictures that calibrate the noise by the nearest pixel against that by the frames before and after,
@@ -228,6 +246,11 @@ pub(crate) struct Calibration {
     /// Sum of the squares of excesses over their deviations, and count of neighbourhoods.
     squares: f64,
     count: f64,
+    /// Sums of the powers of residuals that the frames before and after explain as noise, of these residuals, and of
+    /// all.
+    powers: Powers<f64>,
+    explained: f64,
+    all: f64,
 }
 
 impl Calibration {
@@ -239,6 +262,9 @@ impl Calibration {
             everywhere: share * self.everywhere + other.everywhere,
             squares: share * self.squares + other.squares,
             count: share * self.count + other.count,
+            powers: each(|i| share * self.powers[i] + other.powers[i]),
+            explained: share * self.explained + other.explained,
+            all: share * self.all + other.all,
         }
     }
 
@@ -264,6 +290,14 @@ impl Calibration {
         if share > 0.0 { share as f32 } else { 0.0 }
     }
 
+    /// Returns the spectrum of the noise.
+    fn noise_spectrum(&self) -> NoiseSpectrum {
+        let [few, most] = KNOWN;
+        // Of nothing the ratio is not a number, and nothing known.
+        let known = ((self.explained / self.all - few) / (most - few)).clamp(0.0, 1.0);
+        NoiseSpectrum::new(self.powers.map(|power| power / self.explained), known)
+    }
+
     /// Returns the noise as a multiple of what nearest pixels show.
     fn factor(&self) -> f32 {
         let [few, most] = FITTING;
@@ -275,7 +309,9 @@ impl Calibration {
 
 /// Calibrates by a row of neighbourhoods.
 pub(crate) struct Calibrate<'a> {
+    /// Sums of noise, and of spectra.
     pub sums: &'a Planes,
+    pub spectra: &'a Planes,
     /// Mean motions of the blocks.
     pub motions: &'a [Vec2],
     pub row: usize,
@@ -292,9 +328,13 @@ impl pulp::NullaryFnOnce for Calibrate<'_> {
 
     #[inline(always)]
     fn call(self) -> Calibration {
-        let Self { sums, motions, row, pool } = self;
+        let Self { sums, spectra, motions, row, pool } = self;
         let mut found = Calibration::default();
+        let spectra = Spectrum::of_row(spectra, row, POOL, pool);
         Pooled::of_row(sums, motions, row, pool, |vector, sums| {
+            let least = Lanes([LEAST; LANES]);
+            let share = (sums.noises / sums.residuals.max(least)).min(sums.noise / sums.residual.max(least));
+            let explained = between(share, EXPLAINED) * sums.residual;
             let same = Lanes([1.0; LANES]) - sums.other(BEYOND[1]);
             let by_time = sums.light * sums.noises / sums.residuals.max(Lanes([LEAST; LANES])) * same;
             let all = sums.residuals.select(sums.light_nearest, Lanes::ZERO);
@@ -305,6 +345,13 @@ impl pulp::NullaryFnOnce for Calibrate<'_> {
                 found.by_time += f64::from(by_time.0[lane]);
                 found.nearest += f64::from(nearest.0[lane]);
                 found.everywhere += f64::from(all.0[lane]);
+                let explained = explained.0[lane];
+                let powers: Powers<f64> = each(|i| f64::from(explained * spectra[vector].powers[i].0[lane]));
+                if powers.iter().all(|power| power.is_finite()) {
+                    found.powers = each(|i| found.powers[i] + powers[i]);
+                    found.explained += f64::from(explained);
+                    found.all += f64::from(sums.residual.0[lane]);
+                }
                 if chance.0[lane] > 0.0 {
                     found.squares += f64::from((excess.0[lane].abs() / chance.0[lane]).min(MOST)).powi(2);
                     found.count += 1.0;
@@ -317,7 +364,9 @@ impl pulp::NullaryFnOnce for Calibrate<'_> {
 
 /// Solves for the shares of a row of blocks.
 pub(crate) struct Solve<'a> {
+    /// Sums of noise, and of spectra.
     pub sums: &'a Planes,
+    pub spectra: &'a Planes,
     /// Mean motions of the blocks.
     pub motions: &'a [Vec2],
     pub row: usize,
@@ -336,14 +385,17 @@ impl pulp::NullaryFnOnce for Solve<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { sums, motions, row, pool, calibration, before, minima, to } = self;
+        let Self { sums, spectra, motions, row, pool, calibration, before, minima, to } = self;
+        let spectra = Spectrum::of_row(spectra, row, POOL, pool);
+        let noise = calibration.noise_spectrum();
         let (shares, powers) = to.split_at_mut(to.len() / SOLVED);
         let (factor, deviations, everywhere) =
             (calibration.factor(), calibration.deviations(), calibration.everywhere_other());
         Pooled::of_row(sums, motions, row, pool, |vector, sums| {
             let moved = minimum::moved(before, motions, row, vector);
             minimum::next(moved, sums.most_noise()).store(minima, vector * LANES);
-            let sums = Pooled { minimum: moved * minimum::pixels(before.grid(), POOL, row, vector), ..*sums };
+            let minimum = moved * minimum::pixels(before.grid(), POOL, row, vector);
+            let sums = Pooled { minimum, by_spectrum: spectra[vector].most_noise(&noise), ..*sums };
             sums.signal(factor, deviations, everywhere).store(shares, vector * LANES);
             sums.power.store(powers, vector * LANES);
         });
@@ -375,6 +427,7 @@ mod tests {
             excess_chances: all(1e-6),
             earlier: all(f32::INFINITY),
             minimum: all(f32::INFINITY),
+            by_spectrum: all(f32::INFINITY),
             power: all(noise),
             ..Pooled::default()
         }
@@ -385,8 +438,9 @@ mod tests {
     #[test]
     fn nearest_pixels_tell_the_noise_of_other_signals() {
         let signal = |pooled: Pooled| pooled.signal(1.0, 1.0, 0.0).0[0];
-        let right = pooled(1.0, 9.0);
-        assert!((signal(right) - 0.972).abs() < 1e-3, "{}", signal(right));
+        let right = pooled(4.0, 6.0);
+        assert!((signal(right) - 0.648).abs() < 1e-3, "{}", signal(right));
+        assert_eq!(signal(pooled(1.0, 9.0)), 1.0);
         // Products take the error for noise.
         let fooled = Pooled { noise: all(5.0), direct: all(5.0), noises: all(5.0), ..pooled(1.0, 4.0) };
         assert_eq!(signal(fooled), 0.0);
@@ -410,6 +464,9 @@ mod tests {
         assert_eq!(signal(hidden), 0.0);
         assert!(signal(Pooled { minimum: all(0.5), ..hidden }) > 0.85);
         assert_eq!(signal(Pooled { minimum: all(0.5), ..pooled(1.0, 0.1) }), signal(pooled(1.0, 0.1)));
+        // What its spectrum shows to be no noise comes back, whatever else takes it for noise.
+        let of_spectrum = |most: f32| signal(Pooled { by_spectrum: all(most), ..fooled });
+        assert_eq!([of_spectrum(0.9), of_spectrum(f32::NAN), of_spectrum(0.4)], [0.0, 0.0, 1.0]);
         // Noise that neighbours share, as far as filters of pixels make them, and more than that.
         let shared = |nearest: f32| signal(Pooled { light_nearest: all(nearest), ..pooled(1.0, 0.01) });
         assert!(shared(0.6) < 0.01 && shared(0.0) == 1.0, "{} {}", shared(0.6), shared(0.0));
@@ -428,7 +485,14 @@ mod tests {
     /// strict where much of it does not.
     #[test]
     fn pictures_calibrate() {
-        let found = Calibration { by_time: 4.0, nearest: 1.0, everywhere: 2.0, squares: 0.5, count: 2.0 };
+        let found = Calibration {
+            by_time: 4.0,
+            nearest: 1.0,
+            everywhere: 2.0,
+            squares: 0.5,
+            count: 2.0,
+            ..Calibration::default()
+        };
         assert_eq!([found.factor(), found.deviations()], [4.0, BEYOND[0]]);
         let other = Calibration { everywhere: 100.0, squares: 8.0, ..found };
         assert_eq!([other.factor(), other.deviations()], [NEAREST, BEYOND[1]]);
@@ -437,5 +501,20 @@ mod tests {
         assert_eq!([Calibration::default().factor(), Calibration::default().deviations()], [NEAREST, BEYOND[0]]);
         let [sum, half] = [1.0, 0.5].map(|share| found.plus_share(share, other));
         assert_eq!([sum.by_time, half.by_time, half.count], [8.0, 6.0, 3.0]);
+    }
+
+    /// The spectrum of noise is that of residuals which the frames around explain, where they explain enough of them.
+    #[test]
+    fn explained_residuals_have_the_spectrum_of_noise() {
+        let of = |explained: f64| Calibration {
+            powers: each(|i| explained * (0.5 + 0.1 * i as f64)),
+            explained,
+            all: 10.0,
+            ..Calibration::default()
+        };
+        let independent = NoiseSpectrum::new(Powers::default(), 0.0);
+        assert_eq!([Calibration::default(), of(0.2)].map(|found| found.noise_spectrum()), [independent; 2]);
+        let powers = each(|i| 0.5 + 0.1 * i as f64);
+        assert_eq!(of(4.0).noise_spectrum(), NoiseSpectrum::new(powers, 1.0));
     }
 }

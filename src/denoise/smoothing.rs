@@ -5,9 +5,11 @@
 //! stay sharp that smoothing alone would blur.
 
 use super::ahead::Ahead;
+use super::blocks::BLOCK;
 use super::detail;
 use super::difference::Halved;
 use super::history::{Histories, with_alpha};
+use super::illumination::Illumination;
 use super::lanes::{LANES, Lanes};
 use super::layout::{ALPHA, COUNT, MARGIN, PLANES, STORED, fill_margins, line_of};
 use super::outline::Outline;
@@ -65,6 +67,8 @@ pub(crate) struct Smoothing<'s> {
     /// Histories over the frames that follow.
     pub ahead: Option<&'s Ahead>,
     pub outline: Outline<'s>,
+    /// Illumination up to the frame before.
+    pub illumination: &'s Illumination,
 }
 
 impl Smoothing<'_> {
@@ -141,7 +145,7 @@ impl Smoothing<'_> {
         self.histories.warp(y, planes, line);
         if let Some(ahead) = self.ahead {
             let (before, joined) = planes.split_at_mut(STORED * line);
-            ahead.join(y, before, line, joined);
+            ahead.join(y, self.illumination.trend(y / BLOCK), before, line, joined);
             for line in joined.chunks_mut(line).take(PLANES) {
                 fill_margins(line, width);
             }

@@ -241,7 +241,7 @@ fn texture_at_rest_stays_and_noise_does_not() {
         let textured = [0.0, 0.01, 0.1].map(|deviation| middle(checkers, deviation));
         let smooth = [0.0, 0.1].map(|deviation| middle(shade, deviation));
         println!("opaque {opaque}: checkerboard {textured:.1?} dB, shade {smooth:.1?} dB");
-        assert!(textured.iter().zip([88.0, 52.5, 31.0]).all(|(found, least)| *found > least), "{textured:?}");
+        assert!(textured.iter().zip([120.0, 53.0, 32.8]).all(|(found, least)| *found > least), "{textured:?}");
         assert!(smooth[0] > 85.0 && smooth[1] > 44.0, "{smooth:?}");
     }
 }
@@ -289,9 +289,8 @@ fn no_frame_is_harmed() {
         if j % 6 < 4 && (i * i * 3 + j * 5 + i * j) % 7 < 3 { 0.05 } else { 0.9 }
     };
     let slow = Vec2::new(0.37, 0.21);
-    // Of frames with more decibels than these no more is asked: resampling misses a little of fast waves and of text. The
-    // last number is the least gain at the most noise: errors as large as the noise pass by chance where resampling misses
-    // much.
+    // Of frames with more decibels than these no more is asked. The last number is the least gain at the most noise: errors
+    // as large as the noise pass by chance where resampling misses much.
     for (name, picture, motion, most, least) in [
         ("at rest", checkers as Picture, Vec2::ZERO, 80.0, -0.1),
         ("light halved", halved, Vec2::ZERO, 80.0, -0.1),
@@ -305,11 +304,11 @@ fn no_frame_is_harmed() {
         ("stars", stars, Vec2::ZERO, 80.0, -0.1),
         ("text without motion", texts, Vec2::ZERO, 80.0, -3.5),
         ("checkers by whole pixels", whole, Vec2::ONE, 80.0, -0.1),
-        ("hard checkers", hard, slow, 80.0, -4.5),
+        ("hard checkers", hard, slow, 80.0, -1.8),
         ("shades", shades, slow, 80.0, -0.1),
-        ("waves", waves, slow, 54.5, -0.1),
-        ("sharp checkers", sharp, slow, 55.0, -0.1),
-        ("text", prose, slow, 39.6, -0.1),
+        ("waves", waves, slow, 80.0, -0.1),
+        ("sharp checkers", sharp, slow, 80.0, -0.1),
+        ("text", prose, slow, 80.0, -0.1),
     ] {
         for deviation in [0.0, 0.01, 0.1] {
             let Drawn { truth, frames, found, .. } = drawn(picture, deviation, motion, false);
@@ -336,12 +335,12 @@ fn errors_are_told_or_said_to_be_unknown() {
     for (name, picture, motion, deviation, told) in [
         ("checkers", checkers as Picture, Vec2::ZERO, 0.01, Some([-0.5, 0.5])),
         ("checkers", checkers, Vec2::ZERO, 0.1, Some([-0.5, 0.5])),
-        ("smooth", shade, Vec2::ZERO, 0.1, Some([-3.0, 1.0])),
-        ("shades", shades, slow, 0.1, Some([-3.0, 1.0])),
+        ("smooth", shade, Vec2::ZERO, 0.1, Some([-4.0, 1.0])),
+        ("shades", shades, slow, 0.1, Some([-4.0, 1.0])),
         ("checkers", checkers, Vec2::ZERO, 0.0, None),
         ("spot without motion", spot, Vec2::ZERO, 0.01, None),
         ("fast waves", fast, slow, 0.001, None),
-        ("flicker", flicker, Vec2::ZERO, 0.05, Some([-3.0, 1.0])),
+        ("flicker", flicker, Vec2::ZERO, 0.05, Some([-4.0, 1.0])),
     ] {
         let Drawn { truth, frames, found, estimates } = drawn(picture, deviation, motion, false);
         assert!(estimates[0].is_none() && estimates[FRAMES as usize - 1].is_none(), "{name}");

@@ -1,0 +1,302 @@
+//! Power spectrum of residuals by neighbourhood, which bounds how much of them is noise.
+//!
+//! Noise that is independent from pixel to pixel has the same power at all frequencies. What a denoiser has lost follows
+//! the picture, and has not. A residual's power is the sum of both, and so the least of it over all frequencies is no
+//! less than the noise's: the bound that the smallest eigenvalue of the covariance of patches gives (Pyatykh, Hesser &
+//! Zheng 2013), at a fraction of the cost. It needs no other frame. Where the frames around tell that a residual is
+//! noise, its power is compared with that of such residuals, so that noise that neighbours share, as pixel filters and
+//! some samplers make it, is no less noise.
+//!
+//! Powers are those of patches of 3x3 pixels, `S(ω) = Σ w(k) ρ(k) cos(ω·k)` of the correlations ρ over lags k of up to
+//! two pixels with triangular weights w (Bartlett 1950), at multiples of a quarter turn a pixel.
+
+use super::blocks::{BLOCK, Planes, Pool};
+use super::carried::to_planes;
+use super::history::loaded;
+use super::lanes::{LANES, Lanes, dot, each};
+use super::layout::{MARGIN, line_of};
+use super::noise::Denoised;
+use super::vectors::vectors;
+use crate::arch::Arch;
+
+/// Pixels along the side of a patch.
+const PATCH: usize = 3;
+/// Lags between the pixels of a patch, to the right and downwards; the opposite ones have the same correlation.
+const LAGS: [[isize; 2]; 12] =
+    [[1, 0], [2, 0], [-2, 1], [-1, 1], [0, 1], [1, 1], [2, 1], [-2, 2], [-1, 2], [0, 2], [1, 2], [2, 2]];
+/// Frequencies in quarter turns a pixel, to the right and downwards; the opposite ones have the same power.
+const FREQUENCIES: [[isize; 2]; 10] = [[0, 0], [1, 0], [2, 0], [-1, 1], [0, 1], [1, 1], [2, 1], [0, 2], [1, 2], [2, 2]];
+/// Weights of the lags' correlations in the powers.
+const WEIGHTS: [[f32; LAGS.len()]; FREQUENCIES.len()] = weights();
+
+/// Place of the sum of the residuals' squares; those of the products over the lags follow.
+const SQUARE: usize = 0;
+/// Place of the sum over all lags of the products' squares, of which the variance of a product by chance follows.
+const CHANCE: usize = 1 + LAGS.len();
+/// Numbers of a block, up to whole vectors.
+pub(crate) const SUMS: usize = (CHANCE + 1).next_multiple_of(LANES);
+/// Sums of a block.
+pub(crate) type Sums = [f32; SUMS];
+
+/// Standard deviations by chance that are added to powers: the least of ten of them is that much below their mean where
+/// all are alike.
+const DEVIATIONS: f32 = 3.0;
+/// Least power of noise, as a share of the mean.
+const LEAST_POWER: f64 = 0.005;
+/// Least sum, where there is none.
+const LEAST: f32 = 1e-30;
+
+/// Powers at all frequencies, as shares of their mean.
+pub(crate) type Powers<T> = [T; FREQUENCIES.len()];
+
+const fn weights() -> [[f32; LAGS.len()]; FREQUENCIES.len()] {
+    let mut to = [[0.0; LAGS.len()]; FREQUENCIES.len()];
+    let mut of = 0;
+    while of < FREQUENCIES.len() {
+        let mut lag = 0;
+        while lag < LAGS.len() {
+            let [[right, down], [a, b]] = [LAGS[lag], FREQUENCIES[of]];
+            let cosine = [1.0, 0.0, -1.0, 0.0][(a * right + b * down).rem_euclid(4) as usize];
+            let pairs = (PATCH - right.unsigned_abs()) * (PATCH - down.unsigned_abs());
+            // Both directions of the lag.
+            to[of][lag] = 2.0 * cosine * pairs as f32 / (PATCH * PATCH) as f32;
+            lag += 1;
+        }
+        of += 1;
+    }
+    to
+}
+
+/// Sums the products of a row of blocks.
+pub(crate) struct Sum<'a> {
+    pub denoised: &'a Denoised<'a>,
+    pub row: usize,
+    /// Residuals by channel, of the rows below, too.
+    pub lines: &'a mut Vec<f32>,
+    pub blocks: &'a mut Vec<Sums>,
+    pub planes: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for Sum<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { denoised, row, lines, blocks, planes } = self;
+        let Denoised { frame, grid, colors, floor, .. } = *denoised;
+        let [width, height] = frame.size;
+        let (groups, line, top) = (vectors(width), line_of(width), row * BLOCK);
+        let (count, rows) = (BLOCK.min(height - top), (BLOCK + PATCH - 1).min(height - top));
+        lines.clear();
+        lines.resize(3 * (BLOCK + PATCH - 1) * line, 0.0);
+        for (at, lines) in lines.chunks_exact_mut(3 * line).enumerate().take(rows) {
+            let pixels = frame.color[(top + at) * width..][..width].chunks(LANES);
+            for (group, pixels) in pixels.enumerate() {
+                let (color, seen) = loaded(pixels);
+                let found = &colors[(top + at) * groups + group];
+                // In units of the picture's brightness, so that squares of squares stay numbers.
+                let weight = seen * (1.0 / floor.sqrt());
+                for (c, line) in lines.chunks_exact_mut(line).enumerate() {
+                    let residual = (color[c] - found[c]) * weight;
+                    residual.store(line, MARGIN + group * LANES);
+                }
+            }
+        }
+        let lines = &lines[..];
+        blocks.resize(grid.columns, [0.0; SUMS]);
+        for (group, blocks) in blocks.chunks_mut(LANES / BLOCK).enumerate() {
+            let mut sums = [Lanes::ZERO; SUMS];
+            let at = MARGIN + group * LANES;
+            for row in 0..count {
+                let own: [Lanes; 3] = each(|c| Lanes::load(lines, (3 * row + c) * line + at));
+                sums[SQUARE] += dot(&own, &own);
+                for (sum, [right, down]) in (SQUARE + 1..).zip(LAGS) {
+                    let from = at.wrapping_add_signed(right);
+                    let other: [Lanes; 3] = each(|c| Lanes::load(lines, (3 * (row + down as usize) + c) * line + from));
+                    let product = dot(&own, &other);
+                    sums[sum] += product;
+                    sums[CHANCE] = product.mul_add(product, sums[CHANCE]);
+                }
+            }
+            for vector in 0..SUMS / LANES {
+                let pixels = Arch::default().transposed(&each(|i| sums[vector * LANES + i].0));
+                for (pixels, to) in pixels.chunks(BLOCK).zip(&mut *blocks) {
+                    let sum = (Lanes(pixels[0]) + Lanes(pixels[1])) + (Lanes(pixels[2]) + Lanes(pixels[3]));
+                    sum.store(to, vector * LANES);
+                }
+            }
+        }
+        to_planes(Arch::default(), blocks, planes, grid.stride());
+    }
+}
+
+/// Spectra of eight neighbourhoods.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Spectrum {
+    /// Powers of the residuals; 1 where there are none.
+    pub powers: Powers<Lanes>,
+    /// Their standard deviation by chance, of independent noise.
+    deviation: Lanes,
+}
+
+impl Spectrum {
+    /// Returns the spectra of a row of neighbourhoods of so many blocks to each side.
+    #[inline(always)]
+    pub(crate) fn of_row(sums: &Planes, row: usize, radius: usize, pool: &mut Pool) -> Vec<Self> {
+        let (vectors, found) = pool.sums(sums, row, (0..=CHANCE).map(|plane| (plane, radius)));
+        let mut to = Vec::with_capacity(vectors);
+        for vector in 0..vectors {
+            let inverse = Lanes([1.0; LANES]) / found[SQUARE * vectors + vector].max(Lanes([LEAST; LANES]));
+            let correlations: [Lanes; LAGS.len()] = each(|lag| found[(SQUARE + 1 + lag) * vectors + vector] * inverse);
+            let mut powers = [Lanes([1.0; LANES]); FREQUENCIES.len()];
+            for (power, weights) in powers.iter_mut().zip(&WEIGHTS) {
+                for (correlation, weight) in correlations.iter().zip(weights) {
+                    *power = correlation.mul_add(Lanes([*weight; LANES]), *power);
+                }
+            }
+            let chance = found[CHANCE * vectors + vector] * (1.0 / LAGS.len() as f32);
+            to.push(Self { powers, deviation: chance.sqrt() * inverse });
+        }
+        to
+    }
+
+    /// Returns the share of the residuals that is noise at most; not a number where they are too large to be squared.
+    #[inline(always)]
+    pub(crate) fn most_noise(&self, noise: &NoiseSpectrum) -> Lanes {
+        let mut most = Lanes([f32::INFINITY; LANES]);
+        for (power, inverse) in self.powers.iter().zip(noise.inverse) {
+            most = most.min(*power * inverse);
+        }
+        most + self.deviation * noise.deviations
+    }
+}
+
+/// Spectrum that noise has.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct NoiseSpectrum {
+    /// Inverse powers.
+    inverse: Powers<f32>,
+    /// Deviations of independent noise that are added: noise that neighbours share has fewer independent pixels, by the
+    /// mean square of its powers (Bartlett 1946).
+    deviations: f32,
+}
+
+impl NoiseSpectrum {
+    /// Creates the spectrum from powers of which so much is known: all of it at 1, and nothing at 0, where noise counts
+    /// as independent from pixel to pixel.
+    pub(crate) fn new(powers: Powers<f64>, known: f64) -> Self {
+        let independent = [1.0; FREQUENCIES.len()];
+        let powers = if known > 0.0 { powers.map(|power| power.max(LEAST_POWER).powf(known)) } else { independent };
+        // Frequencies that are not their own opposites stand for two.
+        let count = |[right, down]: [isize; 2]| if right % 2 == 0 && down % 2 == 0 { 1.0 } else { 2.0 };
+        let [squares, counts] = powers
+            .iter()
+            .zip(FREQUENCIES)
+            .fold([0.0; 2], |[squares, counts], (power, of)| [squares + count(of) * power * power, counts + count(of)]);
+        let deviations = DEVIATIONS * (squares / counts).sqrt() as f32;
+        Self { inverse: powers.map(|power| (1.0 / power) as f32), deviations }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::denoise::blocks::Grid;
+    use crate::denoise::frame::Frame;
+    use glam::Vec3;
+
+    const SIZE: [usize; 2] = [93, 64];
+    const RADIUS: usize = 2;
+
+    /// A random number from -1 to 1 by a place and a channel.
+    fn random(x: usize, y: usize, channel: usize) -> f32 {
+        let h = (x as u32).wrapping_mul(0x9E37_79B9) ^ (y as u32).wrapping_mul(0x85EB_CA6B) ^ (channel as u32) << 7;
+        let h = (h ^ (h >> 15)).wrapping_mul(0x2C1B_3C6D);
+        let h = (h ^ (h >> 12)).wrapping_mul(0x297A_2D39);
+        ((h ^ (h >> 15)) >> 8) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    /// Means over the pixel and its neighbours, as a pixel filter takes them.
+    fn filtered(x: usize, y: usize, channel: usize) -> f32 {
+        let of_row = |y: usize| random(x, y, channel) + 2.0 * random(x + 1, y, channel) + random(x + 2, y, channel);
+        of_row(y) + 2.0 * of_row(y + 1) + of_row(y + 2)
+    }
+
+    /// Spectra of the neighbourhoods that lie inside of a picture of residuals.
+    fn spectra(residual: impl Fn(usize, usize, usize) -> f32) -> Vec<Spectrum> {
+        let grid = Grid::over(SIZE);
+        let color: Vec<Vec3> = (0..SIZE[0] * SIZE[1])
+            .map(|i| Vec3::from_array([0, 1, 2].map(|c| residual(i % SIZE[0], i / SIZE[0], c))))
+            .collect();
+        let colors = vec![[Lanes::ZERO; 3]; vectors(SIZE[0]) * SIZE[1]];
+        let frame = Frame { size: SIZE, color: &color, ..Frame::default() };
+        let denoised = Denoised {
+            frame: &frame,
+            grid,
+            motions: &[],
+            own: &Planes::new(grid, 1),
+            colors: &colors,
+            before: &[],
+            illumination: &Planes::new(grid, 1),
+            alpha: None,
+            floor: 0.01,
+            kept: 0.0,
+            alone: false,
+            told: false,
+            mapped: false,
+        };
+        let mut sums = Planes::new(grid, SUMS);
+        for (row, planes) in sums.data.chunks_mut(SUMS * grid.stride()).enumerate() {
+            let (lines, blocks) = (&mut Vec::new(), &mut Vec::new());
+            pulp::NullaryFnOnce::call(Sum { denoised: &denoised, row, lines, blocks, planes });
+        }
+        let rows = RADIUS..grid.rows - RADIUS;
+        rows.flat_map(|row| Spectrum::of_row(&sums, row, RADIUS, &mut Pool::default()).into_iter().take(2)).collect()
+    }
+
+    /// Mean and least of the shares of noise at most.
+    fn most(spectra: &[Spectrum], noise: &NoiseSpectrum) -> [f32; 2] {
+        let of: Vec<f32> = spectra.iter().flat_map(|spectrum| spectrum.most_noise(noise).0).collect();
+        [of.iter().sum::<f32>() / of.len() as f32, of.iter().copied().fold(f32::INFINITY, f32::min)]
+    }
+
+    /// Noise may be noise, whole, and texture may not; of both together the bound is near to the noise's share.
+    #[test]
+    fn independent_noise_is_told_from_texture() {
+        let independent = NoiseSpectrum::new(Powers::default(), 0.0);
+        let [mean, least] = most(&spectra(random), &independent);
+        assert!((0.95..1.1).contains(&mean) && least > 0.75, "{mean} {least}");
+        let wave = |x: usize, y: usize, _| (1.9 * x as f32 + 0.7 * y as f32).sin();
+        let [mean, _] = most(&spectra(wave), &independent);
+        assert!(mean < 0.3, "{mean}");
+        // Of an equal power each: the mean square of random numbers is a third, and that of waves a half.
+        let both = |x: usize, y: usize, c: usize| random(x, y, c) + (2.0_f32 / 3.0).sqrt() * wave(x, y, c);
+        let [mean, least] = most(&spectra(both), &independent);
+        assert!((0.5..0.75).contains(&mean) && least > 0.35, "{mean} {least}");
+    }
+
+    /// Noise that neighbours share counts as texture until its spectrum is known, and then no more.
+    #[test]
+    fn noise_that_neighbours_share_has_a_spectrum_of_its_own() {
+        let found = spectra(filtered);
+        let [mean, _] = most(&found, &NoiseSpectrum::new(Powers::default(), 0.0));
+        assert!(mean < 0.3, "{mean}");
+        let count = (LANES * found.len()) as f64;
+        let power =
+            |of: usize| found.iter().map(|spectrum| f64::from(spectrum.powers[of].0.iter().sum::<f32>())).sum::<f64>();
+        let powers = each(|of| power(of) / count);
+        let [mean, least] = most(&found, &NoiseSpectrum::new(powers, 1.0));
+        assert!(mean > 0.8 && least > 0.4, "{mean} {least}");
+    }
+
+    /// Numbers too large to be squared bound nothing, and pixels that are not numbers are left out.
+    #[test]
+    fn what_is_no_number_is_left_out() {
+        let independent = NoiseSpectrum::new(Powers::default(), 0.0);
+        let holes = |x: usize, y: usize, c: usize| if x % 7 == y % 5 { f32::NAN } else { random(x, y, c) };
+        let [mean, least] = most(&spectra(holes), &independent);
+        assert!((0.95..1.1).contains(&mean) && least > 0.7, "{mean} {least}");
+        let [mean, least] = most(&spectra(|_, _, _| 0.0), &independent);
+        assert_eq!([mean, least], [1.0, 1.0]);
+    }
+}
