@@ -44,8 +44,8 @@ impl Ahead {
     /// numbers, plane after plane, and so does `to`. The last plane is the sum of the frames. `trend` is that of the
     /// illumination, by block.
     ///
-    /// Weights as the frames have the least noise. Weights as the other's frames would have no lag, since a history lags
-    /// in proportion to its frames: where the light changes, each is weighted by the square root of the other's.
+    /// Weights as the frames have the least noise. Weights as the other's frames would have no lag, since a history
+    /// lags in proportion to its frames: where the light changes, each is weighted by the square root of the other's.
     #[inline(always)]
     pub(crate) fn join(&self, y: usize, trend: &[f32], before: &[f32], line: usize, to: &mut [f32]) {
         let groups = vectors(self.size[0]);

@@ -94,8 +94,8 @@ pub(crate) fn add(lines: &Lines<'_>, floor: f32, kept: f32, arch: Arch, blocks: 
         let pixels = arch.transposed(&sums.map(|sum| sum.0));
         for (block, sums) in pixels.chunks(BLOCK).zip(&mut *blocks) {
             let mut sum = (Lanes(block[0]) + Lanes(block[1])) + (Lanes(block[2]) + Lanes(block[3]));
-            // Errors of bright blocks are larger: all count by their relative ones. Within a block they count as they are,
-            // or bright points were lost among dark pixels.
+            // Errors of bright blocks are larger: all count by their relative ones. Within a block they count as they
+            // are, or bright points were lost among dark pixels.
             let weight = 1.0 / (sum.0[POWER] / sum.0[COUNT].max(1.0) + floor);
             sum.0[..TERMS].iter_mut().for_each(|sum| *sum *= weight);
             sum.0[POWER] = 0.0;

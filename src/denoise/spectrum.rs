@@ -1,11 +1,11 @@
 //! Power spectrum of residuals by neighbourhood, which bounds how much of them is noise.
 //!
-//! Noise that is independent from pixel to pixel has the same power at all frequencies. What a denoiser has lost follows
-//! the picture, and has not. A residual's power is the sum of both, and so the least of it over all frequencies is no
-//! less than the noise's: the bound that the smallest eigenvalue of the covariance of patches gives (Pyatykh, Hesser &
-//! Zheng 2013), at a fraction of the cost. It needs no other frame. Where the frames around tell that a residual is
-//! noise, its power is compared with that of such residuals, so that noise that neighbours share, as pixel filters and
-//! some samplers make it, is no less noise.
+//! Noise that is independent from pixel to pixel has the same power at all frequencies. What a denoiser has lost
+//! follows the picture, and has not. A residual's power is the sum of both, and so the least of it over all frequencies
+//! is no less than the noise's: the bound that the smallest eigenvalue of the covariance of patches gives (Pyatykh,
+//! Hesser & Zheng 2013), at a fraction of the cost. It needs no other frame. Pixel filters and some samplers make noise
+//! that neighbours share. Where the frames around tell that residuals are noise, its spectrum is taken from these, and
+//! powers are compared with it.
 //!
 //! Powers are those of patches of 3x3 pixels, `S(ω) = Σ w(k) ρ(k) cos(ω·k)` of the correlations ρ over lags k of up to
 //! two pixels with triangular weights w (Bartlett 1950), at multiples of a quarter turn a pixel.
@@ -135,7 +135,7 @@ impl pulp::NullaryFnOnce for Sum<'_> {
 pub(crate) struct Spectrum {
     /// Powers of the residuals; 1 where there are none.
     pub powers: Powers<Lanes>,
-    /// Their standard deviation by chance, of independent noise.
+    /// Standard deviation of a correlation by chance, of independent noise.
     deviation: Lanes,
 }
 
