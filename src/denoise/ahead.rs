@@ -10,7 +10,7 @@ use super::vectors::vectors;
 /// Frames of a history at most, where it is weighed against another: older ones hardly count.
 const MOST_FRAMES: f32 = 13.0;
 /// Change of illumination from frame to frame from which on histories count as lagging behind.
-const LAGGING: f32 = 0.04;
+const LAGGING: f32 = 0.002;
 
 /// Histories of the pixels of a frame over the frames that follow it.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -25,6 +25,10 @@ const HISTORY_LIMIT: f32 = 8.0;
 
 /// Multiple of the history itself up to which a color is not cut: a point that shines on is no bright path.
 const OWN_LIMIT: f32 = 4.0;
+/// Frames that such a history has at least.
+const OWN_FRAMES: f32 = 3.5;
+/// Multiple of the eight pixels around up to which that holds.
+const OWN_CONTRAST: f32 = 100.0;
 
 /// Multiple of what is around above which a color is cut before it is learned: a path of that brightness would outweigh
 /// all that was learned.
@@ -185,9 +189,12 @@ impl Histories<'_> {
                 *before = Lanes::load(line, MARGIN + at * LANES);
             }
             let [r, g, b]: [Lanes; 3] = each(|c| before[c].max(Lanes::ZERO - before[c]));
-            let own = r.max(g).max(b) / most * OWN_LIMIT;
-            let followed = share.select((share * HISTORY_LIMIT).max(own).min(one), one);
             let count = before[COUNT];
+            let own = r.max(g).max(b);
+            let dark = (*around * 9.0 - own).max(Lanes::ZERO) * (1.0 / 8.0);
+            let is_long = (count - Lanes([OWN_FRAMES; LANES])).select(one, Lanes::ZERO);
+            let own = (own * OWN_LIMIT).min(dark * OWN_CONTRAST) / most * is_long;
+            let followed = share.select((share * HISTORY_LIMIT).max(own).min(one), one);
             let keep = (count / (count + 1.0)).min(Lanes([HISTORY; LANES]));
             let mut next = [[0.0; LANES]; LANES];
             for c in 0..3 {

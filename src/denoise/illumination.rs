@@ -28,11 +28,15 @@ pub(crate) const AFTER: usize = 2;
 const TERMS: usize = 5;
 /// Sums of a block: those of the changes, up to whole vectors.
 const SUMS: usize = 2 * LANES;
-/// Planes of what is found: the changes, and the trend, the mean change over the frame before of the latest frames.
+/// Planes of what is found: the changes, and the trend, the mean change from frame to frame of the latest ones.
 const FOUND: usize = CHANGES + 1;
 const TREND: usize = CHANGES;
-/// Share of the sums of a trend that is kept from frame to frame. Its chance is that of their squares.
-const KEPT: [f32; TERMS] = [0.8, 0.8, 0.8, 0.8, 0.64];
+/// Shares in the sums of a trend of what they were, and of those of the changes over the frame before and over the one
+/// that follows: the trend is half of their difference, and its chance goes with squares.
+const OF_TREND: [[f32; 3]; TERMS] = {
+    let (product, square) = ([0.8, 0.5, -0.5], [0.8, 0.5, 0.5]);
+    [product, square, product, square, [0.64, 0.25, 0.25]]
+};
 /// Blocks to each side over which sums are pooled.
 const POOL: usize = 2;
 /// Squares of changes over their variance by chance between which they come to count.
@@ -154,9 +158,16 @@ impl pulp::NullaryFnOnce for Sum<'_> {
             }
         }
         to_planes(Arch::default(), blocks, planes, grid.stride());
-        let own = planes[BEFORE * TERMS * grid.stride()..].chunks_exact(grid.stride());
-        for ((trend, own), kept) in trends.chunks_exact_mut(grid.stride()).zip(own).zip(KEPT) {
-            trend.iter_mut().zip(own).for_each(|(trend, own)| *trend = *trend * kept + own);
+        // What both sides have in common, as noise of the frame, is no trend.
+        let stride = grid.stride();
+        let of = |place: usize| planes[place * TERMS * stride..][..TERMS * stride].chunks_exact(stride);
+        let sides = of(BEFORE).zip(of(AFTER));
+        for ((trend, (before, after)), [kept, by_before, by_after]) in
+            trends.chunks_exact_mut(stride).zip(sides).zip(OF_TREND)
+        {
+            for ((trend, before), after) in trend.iter_mut().zip(before).zip(after) {
+                *trend = *trend * kept + (before * by_before + after * by_after);
+            }
         }
     }
 }

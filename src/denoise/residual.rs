@@ -25,7 +25,7 @@ use rayon::prelude::*;
 const BRIGHT: [f32; 2] = [9.0, 25.0];
 /// ... if they are so many times those of the differences from the frames before and after. Of noise neither is seldom,
 /// and both are.
-const STEADY: [f32; 2] = [36.0, 144.0];
+const STEADY: [f32; 2] = [4.0, 16.0];
 /// Least square that is divided by.
 const LEAST: f32 = 1e-30;
 

@@ -14,7 +14,7 @@ use super::noise::{
     RESIDUAL, RESIDUAL_POWER, SINCE,
 };
 use super::reprojection::noise_gain;
-use super::spectrum::{NoiseSpectrum, Powers, Spectrum};
+use super::spectrum::{NoiseSpectra, Powers, Spectrum};
 use glam::Vec2;
 
 /// Numbers that a block is solved for: the share of its residuals that is signal, and the mean square of its noise.
@@ -290,12 +290,12 @@ impl Calibration {
         if share > 0.0 { share as f32 } else { 0.0 }
     }
 
-    /// Returns the spectrum of the noise.
-    fn noise_spectrum(&self) -> NoiseSpectrum {
+    /// Returns the spectra that noise may have.
+    fn noise_spectra(&self) -> NoiseSpectra {
         let [few, most] = KNOWN;
-        // Of nothing the ratio is not a number, and nothing known.
+        // Of nothing the ratio is not a number, and nothing is known.
         let known = ((self.explained / self.all - few) / (most - few)).clamp(0.0, 1.0);
-        NoiseSpectrum::new(self.powers.map(|power| power / self.explained), known)
+        NoiseSpectra::new(self.powers.map(|power| power / self.explained), known)
     }
 
     /// Returns the noise as a multiple of what nearest pixels show.
@@ -387,7 +387,7 @@ impl pulp::NullaryFnOnce for Solve<'_> {
     fn call(self) {
         let Self { sums, spectra, motions, row, pool, calibration, before, minima, to } = self;
         let spectra = Spectrum::of_row(spectra, row, POOL, pool);
-        let noise = calibration.noise_spectrum();
+        let noise = calibration.noise_spectra();
         let (shares, powers) = to.split_at_mut(to.len() / SOLVED);
         let (factor, deviations, everywhere) =
             (calibration.factor(), calibration.deviations(), calibration.everywhere_other());
@@ -512,9 +512,9 @@ mod tests {
             all: 10.0,
             ..Calibration::default()
         };
-        let independent = NoiseSpectrum::new(Powers::default(), 0.0);
-        assert_eq!([Calibration::default(), of(0.2)].map(|found| found.noise_spectrum()), [independent; 2]);
+        let unknown = NoiseSpectra::new(Powers::default(), 0.0);
+        assert_eq!([Calibration::default(), of(0.2)].map(|found| found.noise_spectra()), [unknown; 2]);
         let powers = each(|i| 0.5 + 0.1 * i as f64);
-        assert_eq!(of(4.0).noise_spectrum(), NoiseSpectrum::new(powers, 1.0));
+        assert_eq!(of(4.0).noise_spectra(), NoiseSpectra::new(powers, 1.0));
     }
 }

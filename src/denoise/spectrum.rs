@@ -41,6 +41,9 @@ pub(crate) type Sums = [f32; SUMS];
 /// Standard deviations by chance that are added to powers: the least of ten of them is that much below their mean where
 /// all are alike.
 const DEVIATIONS: f32 = 3.0;
+/// Shares of each neighbour in pixel filters that noise may have come through: none, and that of the filters that
+/// renderers have by default.
+const FILTERS: [f64; 2] = [0.0, 0.15];
 /// Least power of noise, as a share of the mean.
 const LEAST_POWER: f64 = 0.005;
 /// Least sum, where there is none.
@@ -160,20 +163,25 @@ impl Spectrum {
         to
     }
 
-    /// Returns the share of the residuals that is noise at most; not a number where they are too large to be squared.
+    /// Returns the share of the residuals that is noise at most, of whatever spectrum noise may have; not a number
+    /// where they are too large to be squared.
     #[inline(always)]
-    pub(crate) fn most_noise(&self, noise: &NoiseSpectrum) -> Lanes {
-        let mut most = Lanes([f32::INFINITY; LANES]);
-        for (power, inverse) in self.powers.iter().zip(noise.inverse) {
-            most = most.min(*power * inverse);
+    pub(crate) fn most_noise(&self, noise: &NoiseSpectra) -> Lanes {
+        let mut most = Lanes::ZERO;
+        for NoiseSpectrum { inverse, deviations } in &noise.0 {
+            let mut least = Lanes([f32::INFINITY; LANES]);
+            for (power, inverse) in self.powers.iter().zip(inverse) {
+                least = least.min(*power * *inverse);
+            }
+            most = most.max(least + self.deviation * *deviations);
         }
-        most + self.deviation * noise.deviations
+        most
     }
 }
 
-/// Spectrum that noise has.
+/// Spectrum that noise may have.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct NoiseSpectrum {
+struct NoiseSpectrum {
     /// Inverse powers.
     inverse: Powers<f32>,
     /// Deviations of independent noise that are added: noise that neighbours share has fewer independent pixels, by the
@@ -181,21 +189,43 @@ pub(crate) struct NoiseSpectrum {
     deviations: f32,
 }
 
-impl NoiseSpectrum {
-    /// Creates the spectrum from powers of which so much is known: all of it at 1, and nothing at 0, where noise counts
-    /// as independent from pixel to pixel.
+/// Spectra that noise may have.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct NoiseSpectra([NoiseSpectrum; FILTERS.len()]);
+
+impl NoiseSpectra {
+    /// Creates the spectra from powers of which so much is known: all of it at 1, and nothing at 0, where noise may be
+    /// independent from pixel to pixel, or shared by neighbours as pixel filters make it.
     pub(crate) fn new(powers: Powers<f64>, known: f64) -> Self {
-        let independent = [1.0; FREQUENCIES.len()];
-        let powers = if known > 0.0 { powers.map(|power| power.max(LEAST_POWER).powf(known)) } else { independent };
-        // Frequencies that are not their own opposites stand for two.
-        let count = |[right, down]: [isize; 2]| if right % 2 == 0 && down % 2 == 0 { 1.0 } else { 2.0 };
-        let [squares, counts] = powers
-            .iter()
-            .zip(FREQUENCIES)
-            .fold([0.0; 2], |[squares, counts], (power, of)| [squares + count(of) * power * power, counts + count(of)]);
-        let deviations = DEVIATIONS * (squares / counts).sqrt() as f32;
-        Self { inverse: powers.map(|power| (1.0 / power) as f32), deviations }
+        let powers = if known > 0.0 { powers.map(|power| power.max(LEAST_POWER)) } else { [1.0; FREQUENCIES.len()] };
+        // Not a number is nothing.
+        let known = known.max(0.0);
+        Self(FILTERS.map(|share| {
+            let of_filter = behind_filter(share);
+            let powers: Powers<f64> = each(|i| of_filter[i].powf(1.0 - known) * powers[i].powf(known));
+            let deviations = DEVIATIONS * mean(powers.map(|power| power * power)).sqrt() as f32;
+            NoiseSpectrum { inverse: powers.map(|power| (1.0 / power) as f32), deviations }
+        }))
     }
+}
+
+/// Returns the powers of independent noise behind a filter that gives each neighbour such a share.
+fn behind_filter(share: f64) -> Powers<f64> {
+    let of = |turns: isize| {
+        (1.0 - 2.0 * share + 2.0 * share * f64::from([1, 0, -1, 0][turns.rem_euclid(4) as usize])).powi(2)
+    };
+    let powers: Powers<f64> = FREQUENCIES.map(|[right, down]| of(right) * of(down));
+    let mean = mean(powers);
+    powers.map(|power| power / mean)
+}
+
+/// Returns the mean of numbers over all frequencies: those that are not their own opposites stand for two.
+fn mean(of: Powers<f64>) -> f64 {
+    let count = |[right, down]: [isize; 2]| if right % 2 == 0 && down % 2 == 0 { 1.0 } else { 2.0 };
+    let [sum, counts] = of.into_iter().zip(FREQUENCIES).fold([0.0; 2], |[sum, counts], (number, frequency)| {
+        [sum + count(frequency) * number, counts + count(frequency)]
+    });
+    sum / counts
 }
 
 #[cfg(test)]
@@ -216,10 +246,10 @@ mod tests {
         ((h ^ (h >> 15)) >> 8) as f32 / (1 << 23) as f32 - 1.0
     }
 
-    /// Means over the pixel and its neighbours, as a pixel filter takes them.
-    fn filtered(x: usize, y: usize, channel: usize) -> f32 {
-        let of_row = |y: usize| random(x, y, channel) + 2.0 * random(x + 1, y, channel) + random(x + 2, y, channel);
-        of_row(y) + 2.0 * of_row(y + 1) + of_row(y + 2)
+    /// Sums over the pixel, which counts so many times, and its neighbours, as a pixel filter takes them.
+    fn filtered(x: usize, y: usize, channel: usize, own: f32) -> f32 {
+        let of_row = |y: usize| random(x, y, channel) + own * random(x + 1, y, channel) + random(x + 2, y, channel);
+        of_row(y) + own * of_row(y + 1) + of_row(y + 2)
     }
 
     /// Spectra of the neighbourhoods that lie inside of a picture of residuals.
@@ -255,7 +285,7 @@ mod tests {
     }
 
     /// Mean and least of the shares of noise at most.
-    fn most(spectra: &[Spectrum], noise: &NoiseSpectrum) -> [f32; 2] {
+    fn most(spectra: &[Spectrum], noise: &NoiseSpectra) -> [f32; 2] {
         let of: Vec<f32> = spectra.iter().flat_map(|spectrum| spectrum.most_noise(noise).0).collect();
         [of.iter().sum::<f32>() / of.len() as f32, of.iter().copied().fold(f32::INFINITY, f32::min)]
     }
@@ -263,40 +293,44 @@ mod tests {
     /// Noise may be noise, whole, and texture may not; of both together the bound is near to the noise's share.
     #[test]
     fn independent_noise_is_told_from_texture() {
-        let independent = NoiseSpectrum::new(Powers::default(), 0.0);
-        let [mean, least] = most(&spectra(random), &independent);
+        let unknown = NoiseSpectra::new(Powers::default(), 0.0);
+        let [mean, least] = most(&spectra(random), &unknown);
         assert!((0.95..1.1).contains(&mean) && least > 0.75, "{mean} {least}");
         let wave = |x: usize, y: usize, _| (1.9 * x as f32 + 0.7 * y as f32).sin();
-        let [mean, _] = most(&spectra(wave), &independent);
+        let [mean, _] = most(&spectra(wave), &unknown);
         assert!(mean < 0.3, "{mean}");
         // Of an equal power each: the mean square of random numbers is a third, and that of waves a half.
         let both = |x: usize, y: usize, c: usize| random(x, y, c) + (2.0_f32 / 3.0).sqrt() * wave(x, y, c);
-        let [mean, least] = most(&spectra(both), &independent);
+        let [mean, least] = most(&spectra(both), &unknown);
         assert!((0.5..0.75).contains(&mean) && least > 0.35, "{mean} {least}");
     }
 
-    /// Noise that neighbours share counts as texture until its spectrum is known, and then no more.
+    /// Noise that neighbours share may be noise as far as usual filters make it, and beyond that if its spectrum is
+    /// known.
     #[test]
     fn noise_that_neighbours_share_has_a_spectrum_of_its_own() {
-        let found = spectra(filtered);
-        let [mean, _] = most(&found, &NoiseSpectrum::new(Powers::default(), 0.0));
-        assert!(mean < 0.3, "{mean}");
+        let unknown = NoiseSpectra::new(Powers::default(), 0.0);
+        let [mean, least] = most(&spectra(|x, y, c| filtered(x, y, c, 0.7 / 0.15)), &unknown);
+        assert!(mean > 0.8 && least > 0.4, "{mean} {least}");
+        let found = spectra(|x, y, c| filtered(x, y, c, 2.0));
+        let [mean, _] = most(&found, &unknown);
+        assert!(mean < 0.7, "{mean}");
         let count = (LANES * found.len()) as f64;
         let power =
             |of: usize| found.iter().map(|spectrum| f64::from(spectrum.powers[of].0.iter().sum::<f32>())).sum::<f64>();
         let powers = each(|of| power(of) / count);
-        let [mean, least] = most(&found, &NoiseSpectrum::new(powers, 1.0));
+        let [mean, least] = most(&found, &NoiseSpectra::new(powers, 1.0));
         assert!(mean > 0.8 && least > 0.4, "{mean} {least}");
     }
 
     /// Numbers too large to be squared bound nothing, and pixels that are not numbers are left out.
     #[test]
     fn what_is_no_number_is_left_out() {
-        let independent = NoiseSpectrum::new(Powers::default(), 0.0);
+        let unknown = NoiseSpectra::new(Powers::default(), 0.0);
         let holes = |x: usize, y: usize, c: usize| if x % 7 == y % 5 { f32::NAN } else { random(x, y, c) };
-        let [mean, least] = most(&spectra(holes), &independent);
+        let [mean, least] = most(&spectra(holes), &unknown);
         assert!((0.95..1.1).contains(&mean) && least > 0.7, "{mean} {least}");
-        let [mean, least] = most(&spectra(|_, _, _| 0.0), &independent);
+        let [mean, least] = most(&spectra(|_, _, _| 0.0), &unknown);
         assert_eq!([mean, least], [1.0, 1.0]);
     }
 }
