@@ -308,7 +308,7 @@ fn no_frame_is_harmed() {
         ("shades", shades, slow, 80.0, -0.1),
         ("waves", waves, slow, 70.0, -0.1),
         ("sharp checkers", sharp, slow, 75.0, -0.1),
-        ("text", prose, slow, 65.0, -0.1),
+        ("text", prose, slow, 49.0, -0.1),
     ] {
         for deviation in [0.0, 0.01, 0.1] {
             let Drawn { truth, frames, found, .. } = drawn(picture, deviation, motion, false);
