@@ -27,7 +27,7 @@ const HISTORY_LIMIT: f32 = 8.0;
 const OWN_LIMIT: f32 = 4.0;
 /// Frames that such a history has at least.
 const OWN_FRAMES: f32 = 3.5;
-/// Multiple of the eight pixels around up to which that holds.
+/// Multiple of the other pixels around up to which that holds.
 const OWN_CONTRAST: f32 = 100.0;
 
 /// Multiple of what is around above which a color is cut before it is learned: a path of that brightness would outweigh
@@ -156,15 +156,15 @@ impl Histories<'_> {
         alphas.max(Lanes::ZERO).min(Lanes([1.0; LANES]))
     }
 
-    /// Takes a row's colors to planes, cut where they are far above what is around, and writes the next state of its
-    /// histories, and the differences from the frame before. The fourth plane is 1 where there is a color. Returns the
-    /// least and the greatest colors of the next state, in some order.
+    /// Takes a row's colors to planes, cut where they are far above the mean of so many pixels around, and writes the
+    /// next state of its histories, and the differences from the frame before. The fourth plane is 1 where there is a
+    /// color. Returns the least and the greatest colors of the next state, in some order.
     #[inline(always)]
     pub(crate) fn follow(
         &self,
         y: usize,
         lines: &[f32],
-        around: &[Lanes],
+        (around, count_around): (&[Lanes], f32),
         colors: &mut [Colors],
         (pixels, differences): (&mut [Packed], &mut [Halved]),
     ) -> [Lanes; 2] {
@@ -191,9 +191,9 @@ impl Histories<'_> {
             let [r, g, b]: [Lanes; 3] = each(|c| before[c].max(Lanes::ZERO - before[c]));
             let count = before[COUNT];
             let own = r.max(g).max(b);
-            let dark = (*around * 9.0 - own).max(Lanes::ZERO) * (1.0 / 8.0);
+            let others = (*around * count_around - own).max(Lanes::ZERO) * (1.0 / (count_around - 1.0));
             let is_long = (count - Lanes([OWN_FRAMES; LANES])).select(one, Lanes::ZERO);
-            let own = (own * OWN_LIMIT).min(dark * OWN_CONTRAST) / most * is_long;
+            let own = (own * OWN_LIMIT).min(others * OWN_CONTRAST) / most * is_long;
             let followed = share.select((share * HISTORY_LIMIT).max(own).min(one), one);
             let keep = (count / (count + 1.0)).min(Lanes([HISTORY; LANES]));
             let mut next = [[0.0; LANES]; LANES];

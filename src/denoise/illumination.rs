@@ -324,6 +324,54 @@ mod tests {
         }
     }
 
+    /// The trend of light that grows by a share from frame to frame, and changes up and down by another, where the
+    /// denoised colors hold a share of the noise of the frames around.
+    fn trend(growth: f32, alternating: f32, noise: f32, share: f32) -> f32 {
+        let mut random = Pcg64::seed_from_u64(9);
+        let grid = Grid::over(SIZE);
+        let mut illumination = Illumination::default();
+        let mut frame = |k: usize| -> Vec<Vec3> {
+            let light =
+                (1.0 + growth).powi(k as i32) * (1.0 + if k.is_multiple_of(2) { alternating } else { -alternating });
+            let mut uniform = || 12_f32.sqrt() * (random.next_u32() as f32 / u32::MAX as f32 - 0.5);
+            (0..SIZE[0] * SIZE[1])
+                .map(|i| {
+                    light * texture(i % SIZE[0], i / SIZE[0]) + noise * Vec3::from_array([0; 3].map(|_| uniform()))
+                })
+                .collect()
+        };
+        let frames: Vec<Vec<Vec3>> = (0..14).map(&mut frame).collect();
+        for k in 1..13 {
+            let apart = |other: usize| -> Vec<Halved> {
+                let apart = lanes(|i| frames[k][i] - frames[other][i]);
+                apart.iter().map(|apart| halved(apart, Lanes([1.0; LANES]))).collect()
+            };
+            let (before, differences) = (apart(k - 1), apart(k + 1));
+            let ahead = Ahead { size: SIZE, frames: 1, differences, ..Ahead::default() };
+            let frame = Frame { size: SIZE, color: &frames[k], ahead: Some(&ahead), ..Frame::default() };
+            let mean = |i: usize| (frames[k - 1][i] + frames[k + 1][i]) * 0.5;
+            let clean = |i: usize| (1.0 + growth).powi(k as i32) * texture(i % SIZE[0], i / SIZE[0]);
+            let mut colors = lanes(|i| clean(i).lerp(mean(i), share));
+            let compared = Compared { frame: &frame, grid, before: &before, floor: 1e-3, alone: false };
+            illumination.follow(compared, &mut colors);
+        }
+        illumination.trend(6)[8]
+    }
+
+    /// Light that grows has a trend, found in noise, and light that comes and goes has none.
+    /// Noise that denoised colors share with the frames around is no trend, as it is in the change over one of them.
+    #[test]
+    fn growing_light_has_a_trend() {
+        for (noise, within) in [(0.0, 1e-3), (0.1, 5e-3), (0.2, 0.01)] {
+            let found = trend(0.04, 0.0, noise, 0.2);
+            assert!((found - 0.04).abs() < within, "{noise}: {found}");
+        }
+        for (alternating, noise) in [(0.1, 0.0), (0.1, 0.05), (0.0, 0.3), (0.0, 1.0)] {
+            let found = trend(0.0, alternating, noise, 0.2);
+            assert!(found.abs() < 2e-3, "{alternating}, {noise}: {found}");
+        }
+    }
+
     /// Noise is no change of the light, nor is a picture that loses its contrast or is another one.
     #[test]
     fn what_is_no_light_is_left() {

@@ -11,11 +11,14 @@ use super::history::{Histories, Past};
 use super::lanes::{LANES, Lanes};
 use super::layout::{ALPHA, MARGIN, PLANES, STORED, line_of};
 use super::packed::{self, Coding, Packed};
-use super::ring::{Ring, add, mean_of};
+use super::ring::{Ring, add, count_of, mean_of};
 use super::vectors::{Colors, vectors};
 use crate::arch::Arch;
 use crate::error::Result;
 use rayon::prelude::*;
+
+/// Pixels to each side over which the mean is taken that colors are compared with.
+const RADIUS: usize = 1;
 
 /// Histories that are followed backwards through a sequence.
 #[derive(Debug, Default)]
@@ -114,13 +117,14 @@ impl pulp::NullaryFnOnce for ObserveBand<'_> {
             let parts = [step - 2, step - 1, step].map(|row| &warped.row(row)[..3 * line]);
             add(parts, sums);
             for (group, around) in around.iter_mut().enumerate() {
-                let mut sums = sums.chunks_exact(line).map(|sums| mean_of::<1>(sums, group * LANES));
+                let mut sums = sums.chunks_exact(line).map(|sums| mean_of::<RADIUS>(sums, group * LANES));
                 *around = [sums.next(), sums.next(), sums.next()].into_iter().flatten().fold(Lanes::ZERO, Lanes::max);
             }
             let lines = warped.row(step - 1);
             let pixels = &mut pixels[at * width..][..width];
             let differences = &mut differences[at * groups..][..groups];
-            let [least, most] = histories.follow(top + at, lines, around, colors, (pixels, differences));
+            let [least, most] =
+                histories.follow(top + at, lines, (around, count_of(RADIUS)), colors, (pixels, differences));
             extremes = [extremes[0].min(least), extremes[1].max(most)];
             let data = data[at * PLANES * groups..].chunks_exact_mut(groups);
             for (plane, (to, line)) in data.zip(lines.chunks_exact(line)).enumerate() {

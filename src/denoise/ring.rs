@@ -47,6 +47,11 @@ pub(crate) fn add(parts: [&[f32]; 3], to: &mut [f32]) {
     }
 }
 
+/// Returns the number of pixels of a neighbourhood of so many to each side.
+pub(crate) fn count_of(radius: usize) -> f32 {
+    (2 * radius + 1).pow(2) as f32
+}
+
 /// Returns the means over the neighbourhoods of eight pixels from `left` on, from the sums of its columns.
 #[inline(always)]
 pub(crate) fn mean_of<const RADIUS: usize>(sums: &[f32], left: usize) -> Lanes {

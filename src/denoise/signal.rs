@@ -60,10 +60,10 @@ const BY_CHANCE: [f64; 2] = [0.1, 0.3];
 const EXPLAINED: [f32; 2] = [0.8, 0.95];
 /// Shares of the residual of a picture that is explained so, between which the spectrum of its noise comes to be known.
 const KNOWN: [f64; 2] = [0.02, 0.2];
-/// Shares of signal in the residual between which all of it comes to be given back, by the frames around and by the
-/// spectrum, which bounds the noise from above: giving back the little noise as well costs less than keeping texture
-/// that an estimate has missed.
+/// Shares of signal in the residual by the frames around, between which all of it comes to be given back: the little
+/// noise in it costs less than texture that an estimate has missed.
 const NEARLY_ALL: [f32; 2] = [0.5, 0.8];
+/// The same by the spectrum, which bounds the noise from above.
 const BY_SPECTRUM: [f32; 2] = [0.15, 0.6];
 /// Share of what resampling averages away of noise that counts as noise that neighbours share.
 const SPREAD: f32 = 0.5;

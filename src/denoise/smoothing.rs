@@ -14,7 +14,7 @@ use super::lanes::{LANES, Lanes};
 use super::layout::{ALPHA, COUNT, MARGIN, PLANES, STORED, fill_margins, line_of};
 use super::outline::Outline;
 use super::packed::Packed;
-use super::ring::{HALO, Ring, add, mean_of};
+use super::ring::{HALO, Ring, add, count_of, mean_of};
 use super::vectors::{Colors, Features, vectors};
 
 /// Planes that are smoothed: color, alpha, color times alpha, and alpha squared. Without alpha it is color alone.
@@ -131,6 +131,7 @@ impl Smoothing<'_> {
             let colors = &mut rows.colors[row * groups..][..groups];
             let next = &mut rows.pixels[row * width..][..width];
             let differences = &mut rows.differences[row * groups..][..groups];
+            let around = (&around[..], count_of(RADII[usize::from(guided)]));
             let [least, most] = self.histories.follow(top + row, pixels, around, colors, (next, differences));
             extremes = [extremes[0].min(least), extremes[1].max(most)];
         }

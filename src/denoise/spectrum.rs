@@ -332,5 +332,9 @@ mod tests {
         assert!((0.95..1.1).contains(&mean) && least > 0.7, "{mean} {least}");
         let [mean, least] = most(&spectra(|_, _, _| 0.0), &unknown);
         assert_eq!([mean, least], [1.0, 1.0]);
+        let huge = spectra(|x, y, c| 1e12 * random(x, y, c));
+        assert!(
+            huge.iter().flat_map(|spectrum| spectrum.most_noise(&unknown).0).all(|most| most.is_nan() || most >= 1.0)
+        );
     }
 }
