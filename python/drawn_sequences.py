@@ -1,12 +1,14 @@
 """Sequences that are drawn, so that their truth is known: what `cumulo denoise` leaves of their noise, and what it tells of it.
 
-    drawn_sequences.py FOLDER [--only NAME ...] [--noises NOISE ...] [--json OUT.json] [--figure OUT.png] [--keep]
+    drawn_sequences.py FOLDER [--only NAME ...] [--noises NOISE ...] [--frames N] [--motion KIND] [--json OUT.json]
+                       [--figure OUT.png] [--keep]
 
 Thirty-four sequences of 24 frames of 128x128 pixels, at rest and moving, with motion and without, sharp and smooth, each
 with Gaussian noise of deviations 0, 0.0001, 0.01 and 0.1 and with that of 64 and 2 paths of heavy tails. A row has decibels (of a
 peak of 1) that go in and come out over all frames, the frame that gains least, the mean of all frames where the sequence is
 at rest, and the noise and error that the program tells, in decibels, too, or a dash. Pictures are kept in FOLDER with `--keep`.
-`--figure` draws some of them: noisy, denoised as published (`--method wrls`) and by default, and true.
+`--frames 1` takes the middle frame alone, and so on. `--motion unknown` writes motions that are not numbers, `--motion wrong`
+such as are off by (5, 3) pixels. `--figure` draws some of them: noisy, denoised as published (`--method wrls`) and by default, and true.
 Needs numpy, OpenEXR and Pillow (`peers/requirements-denoisers.txt`). CUMULO is the program, `cumulo` by default.
 """
 
@@ -188,17 +190,20 @@ def decibels(square):
     return -10 * np.log10(max(square, 1e-20))
 
 
-def draw(folder, name, noise):
-    """The true and the noisy pictures of a sequence, `[frame, row, column, channel]`; the latter go to FOLDER/in."""
+def draw(folder, name, noise, frames=FRAMES, kind="true"):
+    """The true and the noisy pictures of so many frames of a sequence, `[frame, row, column, channel]`; the latter go to FOLDER/in."""
     of, motion, alpha = sequences()[name]
+    if kind != "true":
+        motion = np.add((0, 0) if motion is None else motion, np.nan if kind == "unknown" else (5, 3))
     random = np.random.default_rng(7)
     truth = np.stack([of(t)[..., None] * SHADE for t in range(FRAMES)]).astype(np.float32)
     given = np.stack([noisy(frame, NOISES[noise], random) for frame in truth])
     (folder / "in").mkdir(parents=True, exist_ok=True)
-    for t in range(FRAMES):
+    first = (FRAMES - frames) // 2
+    for t in range(first, first + frames):
         mask = np.ones((SIDE, SIDE)) if isinstance(alpha, str) else alpha(t) if callable(alpha) else alpha
         write(folder / f"in/frame.{t:04}.exr", given[t], mask, motion)
-    return truth, given
+    return truth[first : first + frames], given[first : first + frames]
 
 
 def denoise(folder, *words):
@@ -206,8 +211,8 @@ def denoise(folder, *words):
     command = [os.environ.get("CUMULO", "cumulo"), "denoise", folder / "in/frame.####.exr", "-o", folder / "out/frame.####.exr"]
     done = subprocess.run([*map(str, command), "--json", "--overwrite", *words], check=True, capture_output=True, text=True)
     found = []
-    for t in range(FRAMES):
-        with OpenEXR.File(str(folder / f"out/frame.{t:04}.exr"), separate_channels=True) as file:
+    for path in sorted((folder / "out").iterdir()):
+        with OpenEXR.File(str(path), separate_channels=True) as file:
             found.append(np.stack([file.channels()[c].pixels for c in "RGB"], -1))
     return np.stack(found), json.loads(done.stdout)
 
@@ -235,12 +240,12 @@ def figure(folder, path):
     sheet.crop((0, margin, sheet.width, sheet.height)).save(path, optimize=True)
 
 
-def run(folder, name, noise, keep):
+def run(folder, name, noise, options):
     """The row of a sequence."""
     folder = folder / f"{name}, {noise}".replace(" ", "_").replace(",", "").replace("%", "pc")
-    truth, given = draw(folder, name, noise)
+    truth, given = draw(folder, name, noise, options.frames, options.motion)
     found, report = denoise(folder)
-    if not keep:
+    if not options.keep:
         shutil.rmtree(folder)
     square = lambda pictures: ((np.float64(pictures) - truth) ** 2).mean((1, 2, 3))  # noqa: E731
     before, after = square(given), square(found)
@@ -251,7 +256,8 @@ def run(folder, name, noise, keep):
     told = report["estimate"]
     row |= {"told_in": told and decibels(told["noise"] ** 2), "told_out": told and decibels(told["error"] ** 2)}
     # What is told is of the frames that have two neighbours.
-    row |= {"true_in": decibels(before[1:-1].mean()), "true_out": decibels(after[1:-1].mean()), "cuts": report["cuts"]}
+    inner = slice(1, -1) if len(truth) > 2 else slice(None)
+    row |= {"true_in": decibels(before[inner].mean()), "true_out": decibels(after[inner].mean()), "cuts": report["cuts"]}
     return row
 
 
@@ -260,6 +266,8 @@ def main():
     parser.add_argument("folder", type=pathlib.Path)
     parser.add_argument("--only", nargs="+", choices=sequences(), default=list(sequences()), metavar="NAME")
     parser.add_argument("--noises", nargs="+", choices=NOISES, default=list(NOISES), metavar="NOISE")
+    parser.add_argument("--frames", type=int, choices=range(1, FRAMES + 1), default=FRAMES, metavar="N")
+    parser.add_argument("--motion", choices=("true", "unknown", "wrong"), default="true")
     parser.add_argument("--json", type=pathlib.Path, metavar="OUT.json")
     parser.add_argument("--figure", type=pathlib.Path, metavar="OUT.png")
     parser.add_argument("--keep", action="store_true")
@@ -271,7 +279,7 @@ def main():
     rows = []
     for name in options.only:
         for noise in options.noises:
-            row = run(options.folder, name, noise, options.keep)
+            row = run(options.folder, name, noise, options)
             rows.append(row)
             show = lambda key: "-" if row[key] is None else f"{row[key]:.1f}"  # noqa: E731
             cells = [name, noise, show("in"), show("out"), f"{row['worst']:+.1f} ({row['worst_frame']})", show("mean")]

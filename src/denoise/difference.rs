@@ -38,6 +38,12 @@ pub(crate) fn halved(apart: &[Lanes; CHANNELS], known: Lanes) -> Halved {
     to
 }
 
+/// Returns 1 where differences in half the memory are known, and 0 elsewhere.
+#[inline(always)]
+pub(crate) fn is_known(halved: &Halved) -> Lanes {
+    Lanes(each(|lane| if halved[0][lane] & 0x7F80 == 0x7F80 { 0.0 } else { 1.0 }))
+}
+
 /// Returns the differences.
 #[inline(always)]
 pub(crate) fn whole(halved: &Halved) -> Difference {

@@ -19,6 +19,7 @@ use super::outline::Outline;
 use super::packed::{Coding, Packed};
 use super::residual::Residuals;
 use super::smoothing::{self, Rows, Smoothing};
+use super::still;
 use super::vectors::{Colors, Features, vectors};
 use crate::arch::Arch;
 use crate::error::Result;
@@ -153,7 +154,7 @@ impl GuidedDenoiser {
         let (before, motions) = (&self.scratch.differences[..], &self.scratch.motions[..]);
         // What one side of time told of the noise hardly counts once both are known.
         let kept_noise = if self.rehearsed || is_two_sided { FORGETTING } else { kept };
-        let (alpha, mapped) = (outline.exact, self.mapped);
+        let (guided, alpha, mapped) = (outline.alpha.is_some(), outline.exact, self.mapped);
         let own = &self.scratch.determined;
         let denoised = noise::Denoised {
             frame,
@@ -163,6 +164,7 @@ impl GuidedDenoiser {
             colors,
             before,
             illumination: &self.illumination.changes,
+            guided,
             alpha,
             floor,
             kept: kept_noise,
@@ -171,6 +173,9 @@ impl GuidedDenoiser {
             mapped,
         };
         self.residuals.give_back(&denoised, to);
+        if alone {
+            still::keep_detail(frame, to);
+        }
         Ok(())
     }
 

@@ -44,7 +44,7 @@ mod settings;
 mod signal;
 mod smoothing;
 mod spectrum;
-pub mod still;
+mod still;
 pub(crate) mod svgf;
 mod vectors;
 pub(crate) mod wrls;

@@ -85,14 +85,15 @@ pub struct Denoised<'d> {
     pub before: &'d [Halved],
     /// Changes of illumination, by block.
     pub illumination: &'d Planes,
+    /// True if an alpha guided the denoised colors, which are means over more pixels then.
+    pub guided: bool,
     /// Alpha of the frame, if it is exact.
     pub alpha: Option<&'d [f32]>,
     /// Added to the squares of colors before errors are taken as shares of them.
     pub floor: f32,
     /// Share of the sums that is kept.
     pub kept: f32,
-    /// True where no other frame was learned from: the colors' own noise is in what was denoised then, and nothing
-    /// comes back.
+    /// True where no other frame was learned from: the colors' own noise is in what was denoised then.
     pub alone: bool,
     /// True where the frames that follow have told the noise already: this one, known on one side alone, adds nothing.
     pub told: bool,

@@ -14,7 +14,7 @@ use super::noise::{
     RESIDUAL, RESIDUAL_POWER, SINCE,
 };
 use super::reprojection::noise_gain;
-use super::spectrum::{NoiseSpectra, Powers, Spectrum};
+use super::spectrum::{Floor, NoiseSpectra, Powers, Spectrum};
 use glam::Vec2;
 
 /// Numbers that a block is solved for: the share of its residuals that is signal, and the mean square of its noise.
@@ -251,6 +251,8 @@ pub(crate) struct Calibration {
     powers: Powers<f64>,
     explained: f64,
     all: f64,
+    /// Sums of the blocks that are the least of their neighbourhoods.
+    floor: Floor,
 }
 
 impl Calibration {
@@ -265,6 +267,7 @@ impl Calibration {
             powers: each(|i| share * self.powers[i] + other.powers[i]),
             explained: share * self.explained + other.explained,
             all: share * self.all + other.all,
+            floor: self.floor.plus_share(share, &other.floor),
         }
     }
 
@@ -290,12 +293,15 @@ impl Calibration {
         if share > 0.0 { share as f32 } else { 0.0 }
     }
 
-    /// Returns the spectra that noise may have.
-    fn noise_spectra(&self) -> NoiseSpectra {
+    /// Returns the spectra that the noise in residuals may have, of colors that an alpha `guided`, or none.
+    pub(crate) fn noise_spectra(&self, guided: bool) -> NoiseSpectra {
         let [few, most] = KNOWN;
         // Of nothing the ratio is not a number, and nothing is known.
         let known = ((self.explained / self.all - few) / (most - few)).clamp(0.0, 1.0);
-        NoiseSpectra::new(self.powers.map(|power| power / self.explained), known)
+        let powers = self.powers.map(|power| power / self.explained);
+        // Where an alpha guides, means are over so many pixels that what is left has the spectrum of the noise.
+        let less = if guided { 0.0 } else { 1.0 };
+        NoiseSpectra::new(powers, known, self.floor.shared(less), less)
     }
 
     /// Returns the noise as a multiple of what nearest pixels show.
@@ -329,12 +335,12 @@ impl pulp::NullaryFnOnce for Calibrate<'_> {
     #[inline(always)]
     fn call(self) -> Calibration {
         let Self { sums, spectra, motions, row, pool } = self;
-        let mut found = Calibration::default();
+        let mut found = Calibration { floor: Floor::of_row(spectra, row, POOL), ..Calibration::default() };
         let spectra = Spectrum::of_row(spectra, row, POOL, pool);
         Pooled::of_row(sums, motions, row, pool, |vector, sums| {
             let least = Lanes([LEAST; LANES]);
             let share = (sums.noises / sums.residuals.max(least)).min(sums.noise / sums.residual.max(least));
-            let explained = between(share, EXPLAINED) * sums.residual;
+            let explained = between(share, EXPLAINED) * sums.residual * (Lanes([1.0; LANES]) - spectra[vector].alone);
             let same = Lanes([1.0; LANES]) - sums.other(BEYOND[1]);
             let by_time = sums.light * sums.noises / sums.residuals.max(Lanes([LEAST; LANES])) * same;
             let all = sums.residuals.select(sums.light_nearest, Lanes::ZERO);
@@ -372,6 +378,8 @@ pub(crate) struct Solve<'a> {
     pub row: usize,
     pub pool: &'a mut Pool,
     pub calibration: Calibration,
+    /// Spectra that noise may have.
+    pub noise: NoiseSpectra,
     /// Least noise of the frames before.
     pub before: &'a Planes,
     /// Where that with this frame goes.
@@ -385,9 +393,8 @@ impl pulp::NullaryFnOnce for Solve<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { sums, spectra, motions, row, pool, calibration, before, minima, to } = self;
+        let Self { sums, spectra, motions, row, pool, calibration, noise, before, minima, to } = self;
         let spectra = Spectrum::of_row(spectra, row, POOL, pool);
-        let noise = calibration.noise_spectra();
         let (shares, powers) = to.split_at_mut(to.len() / SOLVED);
         let (factor, deviations, everywhere) =
             (calibration.factor(), calibration.deviations(), calibration.everywhere_other());
@@ -512,9 +519,9 @@ mod tests {
             all: 10.0,
             ..Calibration::default()
         };
-        let unknown = NoiseSpectra::new(Powers::default(), 0.0);
-        assert_eq!([Calibration::default(), of(0.2)].map(|found| found.noise_spectra()), [unknown; 2]);
+        let unknown = NoiseSpectra::new(Powers::default(), 0.0, 1.0, 1.0);
+        assert_eq!([Calibration::default(), of(0.2)].map(|found| found.noise_spectra(false)), [unknown; 2]);
         let powers = each(|i| 0.5 + 0.1 * i as f64);
-        assert_eq!(of(4.0).noise_spectra(), NoiseSpectra::new(powers, 1.0));
+        assert_eq!(of(4.0).noise_spectra(false), NoiseSpectra::new(powers, 1.0, 1.0, 1.0));
     }
 }

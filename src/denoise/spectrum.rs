@@ -5,13 +5,18 @@
 //! is no less than the noise's: the bound that the smallest eigenvalue of the covariance of patches gives (Pyatykh,
 //! Hesser & Zheng 2013), at a fraction of the cost. It needs no other frame. Pixel filters and some samplers make noise
 //! that neighbours share. Where the frames around tell that residuals are noise, its spectrum is taken from these, and
-//! powers are compared with it.
+//! powers are compared with it. Elsewhere noise may have come through a pixel filter, unless it is independent where
+//! the picture has least detail ([`Floor`]).
+//!
+//! Of pixels that no other frame shows, as all of a single picture are, the denoiser knows no more than the mean of the
+//! noise around, which it leaves. What it takes away has the spectrum of noise without its mean.
 //!
 //! Powers are those of patches of 3x3 pixels, `S(ω) = Σ w(k) ρ(k) cos(ω·k)` of the correlations ρ over lags k of up to
 //! two pixels with triangular weights w (Bartlett 1950), at multiples of a quarter turn a pixel.
 
 use super::blocks::{BLOCK, Planes, Pool};
 use super::carried::to_planes;
+use super::difference;
 use super::history::loaded;
 use super::lanes::{LANES, Lanes, dot, each};
 use super::layout::{MARGIN, line_of};
@@ -33,17 +38,24 @@ const WEIGHTS: [[f32; LAGS.len()]; FREQUENCIES.len()] = weights();
 const SQUARE: usize = 0;
 /// Place of the sum over all lags of the products' squares, of which the variance of a product by chance follows.
 const CHANCE: usize = 1 + LAGS.len();
+/// Place of the sum of the squares of residuals of pixels that no other frame shows.
+const ALONE: usize = CHANCE + 1;
 /// Numbers of a block, up to whole vectors.
-pub(crate) const SUMS: usize = (CHANCE + 1).next_multiple_of(LANES);
+pub(crate) const SUMS: usize = (ALONE + 1).next_multiple_of(LANES);
 /// Sums of a block.
 pub(crate) type Sums = [f32; SUMS];
 
 /// Standard deviations by chance that are added to powers: the least of ten of them is that much below their mean where
 /// all are alike.
 const DEVIATIONS: f32 = 3.0;
-/// Shares of each neighbour in pixel filters that noise may have come through: none, and that of the filters that
-/// renderers have by default.
-const FILTERS: [f64; 2] = [0.0, 0.15];
+/// Shares of each neighbour in pixel filters that noise may have come through, of pixels that other frames show, and of
+/// those that none shows: none, and that of a usual filter. The latter pixels lose detail sooner, and a narrower filter
+/// leaves them more.
+const FILTERS: [[f64; 2]; 2] = [[0.0, 0.0], [0.15, 0.1]];
+/// Blocks of a neighbourhood that are its least.
+const LEAST_BLOCKS: usize = 4;
+/// Least power of these, as a share of that of independent noise, between which they come to hold such noise.
+const INDEPENDENT: [f64; 2] = [0.6, 0.75];
 /// Least power of noise, as a share of the mean.
 const LEAST_POWER: f64 = 0.005;
 /// Least sum, where there is none.
@@ -86,7 +98,7 @@ impl pulp::NullaryFnOnce for Sum<'_> {
     #[inline(always)]
     fn call(self) {
         let Self { denoised, row, lines, blocks, planes } = self;
-        let Denoised { frame, grid, colors, floor, .. } = *denoised;
+        let Denoised { frame, grid, colors, before, floor, .. } = *denoised;
         let [width, height] = frame.size;
         let (groups, line, top) = (vectors(width), line_of(width), row * BLOCK);
         let (count, rows) = (BLOCK.min(height - top), (BLOCK + PATCH - 1).min(height - top));
@@ -112,7 +124,12 @@ impl pulp::NullaryFnOnce for Sum<'_> {
             let at = MARGIN + group * LANES;
             for row in 0..count {
                 let own: [Lanes; 3] = each(|c| Lanes::load(lines, (3 * row + c) * line + at));
-                sums[SQUARE] += dot(&own, &own);
+                let square = dot(&own, &own);
+                sums[SQUARE] += square;
+                let place = (top + row) * groups + group;
+                let is_before = difference::is_known(&before[place]);
+                let is_after = frame.ahead.map_or(Lanes::ZERO, |ahead| difference::is_known(&ahead.differences[place]));
+                sums[ALONE] += is_before.max(is_after).select(Lanes::ZERO, square);
                 for (sum, [right, down]) in (SQUARE + 1..).zip(LAGS) {
                     let from = at.wrapping_add_signed(right);
                     let other: [Lanes; 3] = each(|c| Lanes::load(lines, (3 * (row + down as usize) + c) * line + from));
@@ -140,13 +157,15 @@ pub(crate) struct Spectrum {
     pub powers: Powers<Lanes>,
     /// Standard deviation of a correlation by chance, of independent noise.
     deviation: Lanes,
+    /// Share of the residuals' power that lies where no other frame shows the pixels.
+    pub alone: Lanes,
 }
 
 impl Spectrum {
     /// Returns the spectra of a row of neighbourhoods of so many blocks to each side.
     #[inline(always)]
     pub(crate) fn of_row(sums: &Planes, row: usize, radius: usize, pool: &mut Pool) -> Vec<Self> {
-        let (vectors, found) = pool.sums(sums, row, (0..=CHANCE).map(|plane| (plane, radius)));
+        let (vectors, found) = pool.sums(sums, row, (0..=ALONE).map(|plane| (plane, radius)));
         let mut to = Vec::with_capacity(vectors);
         for vector in 0..vectors {
             let inverse = Lanes([1.0; LANES]) / found[SQUARE * vectors + vector].max(Lanes([LEAST; LANES]));
@@ -158,7 +177,8 @@ impl Spectrum {
                 }
             }
             let chance = found[CHANCE * vectors + vector] * (1.0 / LAGS.len() as f32);
-            to.push(Self { powers, deviation: chance.sqrt() * inverse });
+            let alone = found[ALONE * vectors + vector] * inverse;
+            to.push(Self { powers, deviation: chance.sqrt() * inverse, alone });
         }
         to
     }
@@ -168,10 +188,11 @@ impl Spectrum {
     #[inline(always)]
     pub(crate) fn most_noise(&self, noise: &NoiseSpectra) -> Lanes {
         let mut most = Lanes::ZERO;
-        for NoiseSpectrum { inverse, deviations } in &noise.0 {
+        for NoiseSpectrum { powers, alone, deviations } in &noise.0 {
             let mut least = Lanes([f32::INFINITY; LANES]);
-            for (power, inverse) in self.powers.iter().zip(inverse) {
-                least = least.min(*power * *inverse);
+            for ((power, of_noise), alone) in self.powers.iter().zip(powers).zip(alone) {
+                let of_noise = Lanes([*of_noise; LANES]);
+                least = least.min(*power / (of_noise + (Lanes([*alone; LANES]) - of_noise) * self.alone));
             }
             most = most.max(least + self.deviation * *deviations);
         }
@@ -179,11 +200,75 @@ impl Spectrum {
     }
 }
 
+/// Sums of the blocks of residuals that are the least of their neighbourhoods, as shares of these: they hold little but
+/// noise wherever a picture has places without detail.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Floor {
+    /// Sum of the squares, sums of the products over the lags, and sum of the squares of pixels that no other frame
+    /// shows.
+    square: f64,
+    products: [f64; LAGS.len()],
+    alone: f64,
+}
+
+impl Floor {
+    /// Returns the sums of a row of neighbourhoods of so many blocks to each side. No block lies in two of them.
+    pub(crate) fn of_row(sums: &Planes, row: usize, radius: usize) -> Self {
+        let grid = sums.grid();
+        let rows = row.saturating_sub(radius)..(row + radius + 1).min(grid.rows);
+        let mut found = Self::default();
+        let mut blocks = Vec::new();
+        for first in (0..grid.columns).step_by(2 * radius + 1) {
+            blocks.clear();
+            let columns = first..(first + 2 * radius + 1).min(grid.columns);
+            for row in rows.clone() {
+                let squares = &sums.row(row, SQUARE)[columns.clone()];
+                blocks.extend(squares.iter().zip(columns.clone()).map(|(square, column)| (*square, row, column)));
+            }
+            blocks.retain(|(square, ..)| *square > 0.0);
+            let all: f64 = blocks.iter().map(|(square, ..)| f64::from(*square)).sum();
+            if !all.is_finite() {
+                continue;
+            }
+            blocks.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+            for (square, row, column) in blocks.iter().take(LEAST_BLOCKS) {
+                let of = |plane: usize| f64::from(sums.row(*row, plane)[*column]) / all;
+                found.square += f64::from(*square) / all;
+                found.products = each(|lag| found.products[lag] + of(SQUARE + 1 + lag));
+                found.alone += of(ALONE);
+            }
+        }
+        found
+    }
+
+    /// Returns a share of these and others together.
+    pub(crate) fn plus_share(&self, share: f64, other: &Self) -> Self {
+        Self {
+            square: share * self.square + other.square,
+            products: each(|lag| share * self.products[lag] + other.products[lag]),
+            alone: share * self.alone + other.alone,
+        }
+    }
+
+    /// Returns 0 where the blocks hold noise that is independent from pixel to pixel, and 1 where they do not. `less` is
+    /// the share of the mean around that the denoiser leaves of pixels that no other frame shows.
+    pub(crate) fn shared(&self, less: f64) -> f64 {
+        let (powers, expected) = (powers_of(self.products.map(|sum| sum / self.square)), behind(0.0, less));
+        let alone = self.alone / self.square;
+        let share = powers.iter().zip(expected).map(|(power, expected)| power / (1.0 + (expected - 1.0) * alone));
+        let least = share.fold(f64::INFINITY, f64::min);
+        let [from, to] = INDEPENDENT;
+        // Of nothing it is infinite, since comparisons with what is not a number are lost.
+        if least.is_finite() { ((to - least) / (to - from)).clamp(0.0, 1.0) } else { 1.0 }
+    }
+}
+
 /// Spectrum that noise may have.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct NoiseSpectrum {
-    /// Inverse powers.
-    inverse: Powers<f32>,
+    /// Powers, and those of pixels that no other frame shows.
+    powers: Powers<f32>,
+    alone: Powers<f32>,
     /// Deviations of independent noise that are added: noise that neighbours share has fewer independent pixels, by the
     /// mean square of its powers (Bartlett 1946).
     deviations: f32,
@@ -195,28 +280,56 @@ pub(crate) struct NoiseSpectra([NoiseSpectrum; FILTERS.len()]);
 
 impl NoiseSpectra {
     /// Creates the spectra from powers of which so much is known: all of it at 1, and nothing at 0, where noise may be
-    /// independent from pixel to pixel, or shared by neighbours as pixel filters make it.
-    pub(crate) fn new(powers: Powers<f64>, known: f64) -> Self {
+    /// independent from pixel to pixel or, where `shared` is 1, have come through a pixel filter. `less` is the share of
+    /// the mean around that the denoiser leaves of pixels that no other frame shows.
+    pub(crate) fn new(powers: Powers<f64>, known: f64, shared: f64, less: f64) -> Self {
         let powers = if known > 0.0 { powers.map(|power| power.max(LEAST_POWER)) } else { [1.0; FREQUENCIES.len()] };
         // Not a number is nothing.
         let known = known.max(0.0);
-        Self(FILTERS.map(|share| {
-            let of_filter = behind_filter(share);
-            let powers: Powers<f64> = each(|i| of_filter[i].powf(1.0 - known) * powers[i].powf(known));
+        Self(FILTERS.map(|[share, alone]| {
+            let of = |share: f64, less: f64| -> Powers<f64> {
+                let [filtered, whole] = [less, 0.0].map(|less| behind(share * shared, less));
+                let found: Powers<f64> = each(|i| filtered[i] * (powers[i] / whole[i]).powf(known));
+                let scale = mean(found).recip();
+                found.map(|power| scale * power)
+            };
+            let [powers, alone] = [of(share, 0.0), of(alone, less)];
             let deviations = DEVIATIONS * mean(powers.map(|power| power * power)).sqrt() as f32;
-            NoiseSpectrum { inverse: powers.map(|power| (1.0 / power) as f32), deviations }
+            NoiseSpectrum {
+                powers: powers.map(|power| power as f32),
+                alone: alone.map(|power| power as f32),
+                deviations,
+            }
         }))
     }
 }
 
-/// Returns the powers of independent noise behind a filter that gives each neighbour such a share.
-fn behind_filter(share: f64) -> Powers<f64> {
-    let of = |turns: isize| {
-        (1.0 - 2.0 * share + 2.0 * share * f64::from([1, 0, -1, 0][turns.rem_euclid(4) as usize])).powi(2)
+/// Returns the powers of patches whose pixels have such correlations over the lags.
+fn powers_of(correlations: [f64; LAGS.len()]) -> Powers<f64> {
+    WEIGHTS.map(|weights| 1.0 + weights.iter().zip(correlations).map(|(weight, c)| f64::from(*weight) * c).sum::<f64>())
+}
+
+/// Returns the powers of independent noise behind a filter that gives each neighbour such a share, less so much of its
+/// mean over 3x3 pixels.
+fn behind(share: f64, less: f64) -> Powers<f64> {
+    let filter = [share, 1.0 - 2.0 * share, share];
+    let mut kernel = [[0.0; 5]; 5];
+    for (y, row) in kernel.iter_mut().enumerate() {
+        for (x, to) in row.iter_mut().enumerate() {
+            let moved = |at: usize, by: usize| at.checked_sub(by).and_then(|i| filter.get(i)).copied().unwrap_or(0.0);
+            let mean = |at: usize| (0..3).map(|by| moved(at, by)).sum::<f64>() / 3.0;
+            *to = moved(y, 1) * moved(x, 1) - less * mean(y) * mean(x);
+        }
+    }
+    let product = |right: isize, down: isize| -> f64 {
+        let of = |x: usize, y: usize| {
+            let (x, y) = (x.checked_add_signed(right)?, y.checked_add_signed(down)?);
+            kernel.get(y)?.get(x).copied()
+        };
+        (0..25).map(|i| kernel[i / 5][i % 5] * of(i % 5, i / 5).unwrap_or(0.0)).sum()
     };
-    let powers: Powers<f64> = FREQUENCIES.map(|[right, down]| of(right) * of(down));
-    let mean = mean(powers);
-    powers.map(|power| power / mean)
+    let square = product(0, 0);
+    powers_of(LAGS.map(|[right, down]| product(right, down) / square))
 }
 
 /// Returns the mean of numbers over all frequencies: those that are not their own opposites stand for two.
@@ -252,22 +365,24 @@ mod tests {
         of_row(y) + own * of_row(y + 1) + of_row(y + 2)
     }
 
-    /// Spectra of the neighbourhoods that lie inside of a picture of residuals.
-    fn spectra(residual: impl Fn(usize, usize, usize) -> f32) -> Vec<Spectrum> {
+    /// Sums of a picture of residuals, of which other frames show all pixels or none.
+    fn sums(residual: impl Fn(usize, usize, usize) -> f32, is_known: bool) -> Planes {
         let grid = Grid::over(SIZE);
         let color: Vec<Vec3> = (0..SIZE[0] * SIZE[1])
             .map(|i| Vec3::from_array([0, 1, 2].map(|c| residual(i % SIZE[0], i / SIZE[0], c))))
             .collect();
         let colors = vec![[Lanes::ZERO; 3]; vectors(SIZE[0]) * SIZE[1]];
         let frame = Frame { size: SIZE, color: &color, ..Frame::default() };
+        let known = Lanes([if is_known { 1.0 } else { 0.0 }; LANES]);
         let denoised = Denoised {
             frame: &frame,
             grid,
             motions: &[],
             own: &Planes::new(grid, 1),
             colors: &colors,
-            before: &[],
+            before: &vec![difference::halved(&[Lanes::ZERO; 3], known); colors.len()],
             illumination: &Planes::new(grid, 1),
+            guided: false,
             alpha: None,
             floor: 0.01,
             kept: 0.0,
@@ -280,8 +395,22 @@ mod tests {
             let (lines, blocks) = (&mut Vec::new(), &mut Vec::new());
             pulp::NullaryFnOnce::call(Sum { denoised: &denoised, row, lines, blocks, planes });
         }
-        let rows = RADIUS..grid.rows - RADIUS;
-        rows.flat_map(|row| Spectrum::of_row(&sums, row, RADIUS, &mut Pool::default()).into_iter().take(2)).collect()
+        sums
+    }
+
+    /// Spectra of the neighbourhoods that lie inside of a picture.
+    fn inside(sums: &Planes) -> Vec<Spectrum> {
+        let rows = RADIUS..sums.grid().rows - RADIUS;
+        rows.flat_map(|row| Spectrum::of_row(sums, row, RADIUS, &mut Pool::default()).into_iter().take(2)).collect()
+    }
+
+    fn spectra(residual: impl Fn(usize, usize, usize) -> f32) -> Vec<Spectrum> {
+        inside(&sums(residual, true))
+    }
+
+    /// Spectra that noise of which nothing is known may have.
+    fn unknown() -> NoiseSpectra {
+        NoiseSpectra::new(Powers::default(), 0.0, 1.0, 1.0)
     }
 
     /// Mean and least of the shares of noise at most.
@@ -293,7 +422,7 @@ mod tests {
     /// Noise may be noise, whole, and texture may not; of both together the bound is near to the noise's share.
     #[test]
     fn independent_noise_is_told_from_texture() {
-        let unknown = NoiseSpectra::new(Powers::default(), 0.0);
+        let unknown = unknown();
         let [mean, least] = most(&spectra(random), &unknown);
         assert!((0.95..1.1).contains(&mean) && least > 0.75, "{mean} {least}");
         let wave = |x: usize, y: usize, _| (1.9 * x as f32 + 0.7 * y as f32).sin();
@@ -309,8 +438,8 @@ mod tests {
     /// known.
     #[test]
     fn noise_that_neighbours_share_has_a_spectrum_of_its_own() {
-        let unknown = NoiseSpectra::new(Powers::default(), 0.0);
-        let [mean, least] = most(&spectra(|x, y, c| filtered(x, y, c, 0.7 / 0.15)), &unknown);
+        let unknown = unknown();
+        let [mean, least] = most(&spectra(|x, y, c| filtered(x, y, c, 8.0)), &unknown);
         assert!(mean > 0.8 && least > 0.4, "{mean} {least}");
         let found = spectra(|x, y, c| filtered(x, y, c, 2.0));
         let [mean, _] = most(&found, &unknown);
@@ -319,14 +448,53 @@ mod tests {
         let power =
             |of: usize| found.iter().map(|spectrum| f64::from(spectrum.powers[of].0.iter().sum::<f32>())).sum::<f64>();
         let powers = each(|of| power(of) / count);
-        let [mean, least] = most(&found, &NoiseSpectra::new(powers, 1.0));
+        let [mean, least] = most(&found, &NoiseSpectra::new(powers, 1.0, 1.0, 1.0));
         assert!(mean > 0.8 && least > 0.4, "{mean} {least}");
+    }
+
+    /// What the denoiser takes away of a single picture's noise may be noise, and detail may not.
+    #[test]
+    fn pictures_alone_have_the_spectrum_of_noise_without_its_mean() {
+        let less_mean = |of: &dyn Fn(usize, usize, usize) -> f32, x: usize, y: usize, c: usize| {
+            let around = (0..9).map(|i| of(x + i % 3, y + i / 3, c)).sum::<f32>();
+            of(x + 1, y + 1, c) - around / 9.0
+        };
+        let of = |picture: &dyn Fn(usize, usize, usize) -> f32, is_known| {
+            most(&inside(&sums(|x, y, c| less_mean(picture, x, y, c), is_known)), &unknown())
+        };
+        let [[mean, least], [known, _]] = [of(&random, false), of(&random, true)];
+        assert!((0.9..1.1).contains(&mean) && least > 0.7 && known < 0.8, "{mean} {least}, known {known}");
+        let [mean, _] = of(&|x, y, _| (1.9 * x as f32 + 0.7 * y as f32).sin(), false);
+        assert!(mean < 0.4, "{mean}");
+    }
+
+    /// Noise is seen to be independent wherever a part of the picture has no detail; noise that neighbours share, and
+    /// pictures without noise, are not.
+    #[test]
+    fn blocks_without_detail_show_whether_noise_is_independent() {
+        let shared = |residual: &dyn Fn(usize, usize, usize) -> f32, less: f64| {
+            let sums = sums(residual, less == 0.0);
+            let rows = (RADIUS..sums.grid().rows).step_by(2 * RADIUS + 1);
+            let of = |row| Floor::of_row(&sums, row, RADIUS);
+            rows.map(of).fold(Floor::default(), |all, row| all.plus_share(1.0, &row)).shared(less)
+        };
+        let wave = |x: usize, y: usize| (1.9 * x as f32 + 0.7 * y as f32).sin();
+        let beside = |x: usize, y: usize, c: usize| {
+            random(x, y, c) + if (x / 8).is_multiple_of(2) { 4.0 * wave(x, y) } else { 0.0 }
+        };
+        assert_eq!([shared(&random, 0.0), shared(&beside, 0.0)], [0.0; 2]);
+        assert_eq!(shared(&|x, y, _| wave(x, y), 0.0), 1.0);
+        assert!(shared(&|x, y, c| filtered(x, y, c, 8.0), 0.0) > 0.8);
+        let alone = |x: usize, y: usize, c: usize| {
+            random(x + 1, y + 1, c) - (0..9).map(|i| random(x + i % 3, y + i / 3, c)).sum::<f32>() / 9.0
+        };
+        assert_eq!([shared(&alone, 1.0), shared(&|_, _, _| 0.0, 0.0), shared(&|_, _, _| 1e30, 0.0)], [0.0, 1.0, 1.0]);
     }
 
     /// Numbers too large to be squared bound nothing, and pixels that are not numbers are left out.
     #[test]
     fn what_is_no_number_is_left_out() {
-        let unknown = NoiseSpectra::new(Powers::default(), 0.0);
+        let unknown = unknown();
         let holes = |x: usize, y: usize, c: usize| if x % 7 == y % 5 { f32::NAN } else { random(x, y, c) };
         let [mean, least] = most(&spectra(holes), &unknown);
         assert!((0.95..1.1).contains(&mean) && least > 0.7, "{mean} {least}");

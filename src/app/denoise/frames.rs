@@ -5,13 +5,13 @@ use super::motion::Motions;
 use super::passes::Directions;
 use super::plan::{Plan, Step};
 use super::reading::Reader;
-use super::shot::{Shot, Target, View};
+use super::shot::{Shot, Target};
 use super::{COMMAND, Cuts, DenoiseSettings, KEYS};
 use crate::app::Context;
 use crate::app::context::Stage;
 use crate::app::provenance::Provenance;
 use crate::cancel::Cancel;
-use crate::denoise::{Denoised, Estimate, Halves, HalvesEstimate, Settings, still, take_back};
+use crate::denoise::{Denoised, Estimate, Halves, HalvesEstimate, Settings, take_back};
 use crate::error::{Error, Kind, Result};
 use crate::formats::exr::Document;
 use std::collections::BTreeSet;
@@ -179,7 +179,7 @@ impl Sequence<'_> {
             for (view, directions) in shot.views.into_iter().zip(&mut directions) {
                 if forward {
                     let mut denoised = spares.pop().unwrap_or_default();
-                    let cut = self.view(number, &view, again, directions, &mut denoised)?;
+                    let cut = directions.denoise(number, &view, again, &mut denoised)?;
                     cuts.extend(cut.then_some(number));
                     if let Some(found) = denoised[0].estimate.filter(|_| keep) {
                         let (estimate, frames) = done.estimate;
@@ -213,24 +213,6 @@ impl Sequence<'_> {
         done.cuts = cuts.into_iter().collect();
         done.filled_frames.sort_unstable();
         Ok(done)
-    }
-
-    /// Denoises a view of a frame into `to`; with `again` it is denoised once more later. Returns true if it begins a
-    /// shot.
-    fn view(
-        &self,
-        number: u32,
-        view: &View,
-        again: bool,
-        directions: &mut Directions,
-        to: &mut Vec<Denoised>,
-    ) -> Result<bool> {
-        let cut = directions.denoise(number, view, again, to)?;
-        // No other frame has told detail from noise.
-        if let [_] = self.numbers {
-            view.layers.iter().zip(to).for_each(|(layer, to)| still::keep_detail(&view.frame(layer), to));
-        }
-        Ok(cut)
     }
 
     /// Returns the frame if it has the views, pixels and layers of the first one, which `expected` remembers.
