@@ -652,7 +652,8 @@ fn a_single_picture_is_denoised() {
     );
     let psnr = |a: &str, b: &str| {
         let out = work.command(&format!("compare {a} {b} --json")).output().unwrap();
-        serde_json::from_slice::<Value>(&out.stdout).unwrap()["psnr_db"].as_f64().unwrap()
+        // There is none of pictures that are the same.
+        serde_json::from_slice::<Value>(&out.stdout).unwrap()["psnr_db"].as_f64().unwrap_or(f64::INFINITY)
     };
     let [before, after] = ["noisy/frame.0005.exr", "still.exr"].map(|name| psnr(name, "true/frame.0005.exr"));
     println!("{before:.2} {after:.2}");
@@ -665,12 +666,12 @@ fn a_single_picture_is_denoised() {
     work.refused("denoise noisy/frame.0006.exr -o still.exr", Code::OutputExists, &["still.exr", "--overwrite"]);
     work.refused("denoise noisy/frame.0005.exr -o noisy/frame.0005.exr", Code::OutputIsInput, &["input"]);
     work.refused("denoise missing.exr -o x.exr", Code::NotFound, &["missing.exr"]);
-    // Without noise 58.6 dB are left; the filter alone would leave 40 dB or less.
+    // Without noise it comes out as it is; the filter alone would leave 40 dB or less.
     work.json(&format!(
         "render smoke.vdb --views 1 --size {SIZE} --density-scale auto --tf inferno --supersample 4 -o clean.exr"
     ));
     work.json("denoise clean.exr -o same.exr");
     let kept = psnr("same.exr", "clean.exr");
     println!("{kept:.2}");
-    assert!(kept > 57.0, "{kept}");
+    assert!(kept > 120.0, "{kept}");
 }
