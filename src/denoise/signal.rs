@@ -63,7 +63,8 @@ const KNOWN: [f64; 2] = [0.02, 0.2];
 /// Shares of signal in the residual by the frames around, between which all of it comes to be given back: the little
 /// noise in it costs less than texture that an estimate has missed.
 const NEARLY_ALL: [f32; 2] = [0.5, 0.8];
-/// The same by the spectrum, which bounds the noise from above.
+/// Shares of signal in the residual by its spectrum, which bounds the noise from above, between which all of it comes
+/// to be given back.
 const BY_SPECTRUM: [f32; 2] = [0.15, 0.6];
 /// Share of what resampling averages away of noise that counts as noise that neighbours share.
 const SPREAD: f32 = 0.5;

@@ -250,10 +250,10 @@ impl Floor {
         }
     }
 
-    /// Returns 0 where the blocks hold noise that is independent from pixel to pixel, and 1 where they do not. `less` is
-    /// the share of the mean around that the denoiser leaves of pixels that no other frame shows.
+    /// Returns 0 where the blocks hold noise that is independent from pixel to pixel, and 1 where they do not. `less`
+    /// is the share of the mean around that the denoiser leaves of pixels that no other frame shows.
     pub(crate) fn shared(&self, less: f64) -> f64 {
-        let (powers, expected) = (powers_of(self.products.map(|sum| sum / self.square)), behind(0.0, less));
+        let (powers, expected) = (powers_of(self.products.map(|sum| sum / self.square)), powers_behind(0.0, less));
         let alone = self.alone / self.square;
         let share = powers.iter().zip(expected).map(|(power, expected)| power / (1.0 + (expected - 1.0) * alone));
         let least = share.fold(f64::INFINITY, f64::min);
@@ -280,15 +280,15 @@ pub(crate) struct NoiseSpectra([NoiseSpectrum; FILTERS.len()]);
 
 impl NoiseSpectra {
     /// Creates the spectra from powers of which so much is known: all of it at 1, and nothing at 0, where noise may be
-    /// independent from pixel to pixel or, where `shared` is 1, have come through a pixel filter. `less` is the share of
-    /// the mean around that the denoiser leaves of pixels that no other frame shows.
+    /// independent from pixel to pixel or, where `shared` is 1, have come through a pixel filter. `less` is the share
+    /// of the mean around that the denoiser leaves of pixels that no other frame shows.
     pub(crate) fn new(powers: Powers<f64>, known: f64, shared: f64, less: f64) -> Self {
         let powers = if known > 0.0 { powers.map(|power| power.max(LEAST_POWER)) } else { [1.0; FREQUENCIES.len()] };
         // Not a number is nothing.
         let known = known.max(0.0);
         Self(FILTERS.map(|[share, alone]| {
             let of = |share: f64, less: f64| -> Powers<f64> {
-                let [filtered, whole] = [less, 0.0].map(|less| behind(share * shared, less));
+                let [filtered, whole] = [less, 0.0].map(|less| powers_behind(share * shared, less));
                 let found: Powers<f64> = each(|i| filtered[i] * (powers[i] / whole[i]).powf(known));
                 let scale = mean(found).recip();
                 found.map(|power| scale * power)
@@ -311,7 +311,7 @@ fn powers_of(correlations: [f64; LAGS.len()]) -> Powers<f64> {
 
 /// Returns the powers of independent noise behind a filter that gives each neighbour such a share, less so much of its
 /// mean over 3x3 pixels.
-fn behind(share: f64, less: f64) -> Powers<f64> {
+fn powers_behind(share: f64, less: f64) -> Powers<f64> {
     let filter = [share, 1.0 - 2.0 * share, share];
     let mut kernel = [[0.0; 5]; 5];
     for (y, row) in kernel.iter_mut().enumerate() {
@@ -452,7 +452,7 @@ mod tests {
         assert!(mean > 0.8 && least > 0.4, "{mean} {least}");
     }
 
-    /// What the denoiser takes away of a single picture's noise may be noise, and detail may not.
+    /// Noise that the denoiser takes away of a single picture counts as noise, and detail does not.
     #[test]
     fn pictures_alone_have_the_spectrum_of_noise_without_its_mean() {
         let less_mean = |of: &dyn Fn(usize, usize, usize) -> f32, x: usize, y: usize, c: usize| {

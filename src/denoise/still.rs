@@ -21,7 +21,8 @@ const KERNEL: f64 = 36.0;
 /// Noise, as a share of the power that was taken away, from which on all of it counts as noise. Renders of 1 to 512
 /// paths a pixel have 0.2 and more, pictures without noise 0.02 and less.
 const ALL: f64 = 0.1;
-/// The same, of noise and power as shares of the brightness.
+/// Noise, as a share of the power that was taken away, from which on all of it counts as noise, where both are taken as
+/// shares of the brightness.
 const ALL_RELATIVE: f64 = 0.05;
 /// Change, as a share of the brightest color, up to which a pixel counts as left alone.
 const ALONE: f64 = 1e-6;
