@@ -12,8 +12,8 @@
 
 use super::blocks::{BLOCK, Grid};
 use super::halves::Halves;
-use super::reprojection::around;
-use glam::{Vec2, Vec3};
+use super::reprojection::of_cells;
+use glam::Vec3;
 use rayon::prelude::*;
 
 /// Blocks to each side over which the share is estimated.
@@ -48,10 +48,7 @@ pub fn take_back(size: [usize; 2], noisy: [&[Vec3]; 2], denoised: [&mut [Vec3]; 
         let rows = denoised.par_chunks_mut(size[0]).zip(noisy.par_chunks(size[0])).enumerate();
         rows.for_each(|(y, (denoised, noisy))| {
             for (x, (to, from)) in denoised.iter_mut().zip(noisy).enumerate() {
-                let place = (Vec2::new(x as f32, y as f32) + 0.5) / BLOCK as f32 - 0.5;
-                let last = Vec2::new((grid.columns - 1) as f32, (grid.rows - 1) as f32);
-                let around = around([grid.columns, grid.rows], place.max(Vec2::ZERO).min(last));
-                let [share] = around.map_or([0.0], |around| around.sum(&shares));
+                let share = of_cells(&shares, [grid.columns, grid.rows], BLOCK, [x, y]);
                 if share > 0.0 && from.is_finite() {
                     *to += (*from - *to) * share;
                 }

@@ -46,6 +46,16 @@ pub(crate) fn around([width, height]: [usize; 2], place: Vec2) -> Option<Around>
     (covered >= LEAST_COVERED).then_some(Around { at, share, covered })
 }
 
+/// Returns the value of cells of so many pixels along each edge at a pixel, linear between the cells' centres.
+#[inline(always)]
+pub(crate) fn of_cells(values: &[[f32; 1]], [columns, rows]: [usize; 2], edge: usize, pixel: [usize; 2]) -> f32 {
+    let place = (Vec2::from(pixel.map(|at| at as f32)) + 0.5) / edge as f32 - 0.5;
+    let last = Vec2::new((columns - 1) as f32, (rows - 1) as f32);
+    // Between the first and the last there is always one.
+    let [value] = around([columns, rows], place.max(Vec2::ZERO).min(last)).map_or([0.0], |around| around.sum(values));
+    value
+}
+
 impl Around {
     /// Returns the sum of the items around, each by its share.
     #[inline(always)]

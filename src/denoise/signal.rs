@@ -524,5 +524,8 @@ mod tests {
         assert_eq!([Calibration::default(), of(0.2)].map(|found| found.noise_spectra(false)), [unknown; 2]);
         let powers = each(|i| 0.5 + 0.1 * i as f64);
         assert_eq!(of(4.0).noise_spectra(false), NoiseSpectra::new(powers, 1.0, 1.0, 1.0));
+        // Where an alpha guides, pixels that no other frame shows have lost no mean over few pixels.
+        let guided = of(4.0).noise_spectra(true);
+        assert!(guided == NoiseSpectra::new(powers, 1.0, 1.0, 0.0) && guided != of(4.0).noise_spectra(false));
     }
 }
