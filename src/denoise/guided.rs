@@ -174,7 +174,7 @@ impl GuidedDenoiser {
         };
         self.residuals.give_back(&denoised, to);
         if alone {
-            still::keep_detail(frame, to);
+            still::keep_detail(frame, floor.sqrt(), to);
         }
         Ok(())
     }

@@ -127,3 +127,9 @@ pub(crate) fn each<T: Copy + Default, const N: usize>(mut of: impl FnMut(usize) 
 pub(crate) fn dot(a: &[Lanes], b: &[Lanes]) -> Lanes {
     (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 }
+
+/// Returns 0 where numbers are below the first of two limits or none, 1 above the second, and a linear ramp between.
+#[inline(always)]
+pub(crate) fn between(numbers: Lanes, [from, to]: [f32; 2]) -> Lanes {
+    ((numbers - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(Lanes([1.0; LANES]))
+}

@@ -7,11 +7,13 @@
 //! denoiser leaves nothing.
 
 use super::blocks::{Grid, Interpolated, Planes, Pool};
+use super::coherence::Coherence;
 use super::difference::{self, CHANNELS, Difference};
 use super::estimate::{self, Estimate};
 use super::frame;
 use super::history::loaded;
-use super::lanes::{LANES, Lanes, dot, each};
+use super::lanes::{LANES, Lanes, between, dot, each};
+use super::layout::MARGIN;
 use super::minimum::Minimum;
 use super::noise::{ADDED, Denoised, Learn, NOISE_POWER, PIXELS, RESIDUAL_POWER, SINCE, SUMS, Sums};
 use super::signal::{Calibrate, Calibration, POOL, SOLVED, Solve};
@@ -37,6 +39,7 @@ pub(crate) struct Residuals {
     sums: Planes,
     /// Sums of the residual's spectrum.
     spectra: Planes,
+    coherence: Coherence,
     calibration: Calibration,
     minimum: Minimum,
     shares: Planes,
@@ -62,6 +65,7 @@ impl Residuals {
                 next: vec![[0.0; SUMS]; grid.rows * grid.columns],
                 sums: Planes::new(grid, SUMS),
                 spectra: Planes::new(grid, spectrum::SUMS),
+                coherence: Coherence::new(frame.size),
                 minimum: Minimum::new(grid),
                 shares: Planes::new(grid, SOLVED),
                 rows: vec![estimate::Row::default(); grid.rows],
@@ -69,7 +73,8 @@ impl Residuals {
                 ..Self::default()
             };
         }
-        let Self { blocks, next, sums, spectra, calibration, minimum, shares, rows: of_rows, since, maps } = self;
+        let Self { blocks, next, sums, spectra, coherence, calibration, minimum, shares, rows: of_rows, since, maps } =
+            self;
         let before = &blocks[..];
         let planes = sums.data.par_chunks_mut(SUMS * grid.stride());
         let rows = next.par_chunks_mut(grid.columns).zip(planes).zip(of_rows.par_iter_mut()).enumerate();
@@ -106,6 +111,14 @@ impl Residuals {
                 to,
             });
         });
+        to.color.resize(frame.color.len(), Vec3::ZERO);
+        let rows = to.color.par_chunks_mut(frame.size[0]).zip(coherence.lines()).enumerate();
+        rows.with_min_len(8).for_each_init(Interpolated::default, |interpolated, (row, (to, taken))| {
+            Arch::default().dispatch(GiveBack { denoised, shares, row, interpolated, to, taken });
+        });
+        if !denoised.alone {
+            coherence.give_back(frame, shares, &mut to.color);
+        }
         let shares = &*shares;
         let of_row = |row: usize| {
             let plane = |plane: usize| &sums.row(row, plane)[..grid.columns];
@@ -124,11 +137,6 @@ impl Residuals {
         let found = estimates.into_iter().fold(Estimate::default(), Estimate::plus);
         *since = since.plus_share(f64::from(denoised.kept), found);
         to.estimate = Some(found).filter(|found| found.pixels > 0.0);
-        to.color.resize(frame.color.len(), Vec3::ZERO);
-        let rows = to.color.par_chunks_mut(frame.size[0]).enumerate();
-        rows.with_min_len(8).for_each_init(Interpolated::default, |interpolated, (row, to)| {
-            Arch::default().dispatch(GiveBack { denoised, shares, row, interpolated, to });
-        });
         if mapped {
             let planes = maps.data.par_chunks_mut(estimate::MAPPED * grid.stride()).enumerate();
             planes.for_each_init(Pool::default, |pool, (row, to)| {
@@ -164,6 +172,8 @@ struct GiveBack<'a> {
     row: usize,
     interpolated: &'a mut Interpolated,
     to: &'a mut [Vec3],
+    /// Where the brightness goes that is taken away.
+    taken: &'a mut [f32],
 }
 
 impl pulp::NullaryFnOnce for GiveBack<'_> {
@@ -171,8 +181,10 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { denoised, shares, row, interpolated, to } = self;
-        let Denoised { frame, grid, colors, before, alpha, .. } = *denoised;
+        let Self { denoised, shares, row, interpolated, to, taken } = self;
+        let Denoised { frame, grid, colors, before, alpha, floor, .. } = *denoised;
+        // In units of the picture's brightness, so that squares of products stay numbers.
+        let unit = 1.0 / floor.sqrt();
         let width = to.len();
         let (one, groups) = (Lanes([1.0; LANES]), row * vectors(width));
         interpolated.take(grid, row, shares);
@@ -203,6 +215,9 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
                 if seen.0[lane] > 0.0 && alpha.0[lane] == 0.0 && [r, g, b] == [0.0; 3] { 0.0 } else { 1.0 }
             }));
             let mixed: [Lanes; 3] = each(|c| is_there.select(found[c] * rest + color[c] * share, Lanes::ZERO));
+            let of = |c: usize| color[c] - mixed[c];
+            let light = ((of(0) + of(1)) + of(2)) * unit;
+            seen.select(light, Lanes([f32::NAN; LANES])).store(taken, MARGIN + at * LANES);
             for (lane, to) in to.iter_mut().enumerate() {
                 *to = Vec3::new(mixed[0].0[lane], mixed[1].0[lane], mixed[2].0[lane]);
             }
@@ -212,9 +227,8 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
 
 /// Returns 0 where squares are below the first multiple of others, 1 above the second, and a linear ramp between.
 #[inline(always)]
-fn ramp(square: Lanes, of: Lanes, [from, to]: [f32; 2]) -> Lanes {
-    let ratio = square / of.max(Lanes([LEAST; LANES]));
-    ((ratio - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(Lanes([1.0; LANES]))
+fn ramp(square: Lanes, of: Lanes, limits: [f32; 2]) -> Lanes {
+    between(square / of.max(Lanes([LEAST; LANES])), limits)
 }
 
 /// Returns the share of the residuals of eight pixels that is signal because the frames before and after, as far as

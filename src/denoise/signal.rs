@@ -7,7 +7,7 @@
 //! residual's [spectrum](super::spectrum) bounds them all.
 
 use super::blocks::{Planes, Pool};
-use super::lanes::{LANES, Lanes, each};
+use super::lanes::{LANES, Lanes, between, each};
 use super::minimum;
 use super::noise::{
     ADDED, CHANCE, DIRECT, EXCESS, EXCESS_CHANCE, LIGHT, LIGHT_NEAREST, LIGHT_NOISE, NOISE, NOISE_POWER, PIXELS,
@@ -226,12 +226,6 @@ impl Pooled {
         // Small shares are more often chance than signal.
         signal * signal * (Lanes([3.0; LANES]) - signal * 2.0)
     }
-}
-
-/// Returns 0 where numbers are below the first of two limits, 1 above the second, and a linear ramp between.
-#[inline(always)]
-fn between(numbers: Lanes, [from, to]: [f32; 2]) -> Lanes {
-    ((numbers - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(Lanes([1.0; LANES]))
 }
 
 /// Sums over whole pictures that calibrate the noise by the nearest pixel against that by the frames before and after,
