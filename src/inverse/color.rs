@@ -71,7 +71,8 @@ pub fn reconstruct(
     mut watch: impl FnMut(&Step) -> ControlFlow<()>,
 ) -> Result<Shaded> {
     let start = Instant::now();
-    let extinction_request = Request { init: init.as_ref().map(|volume| volume.channel(3)), ..request.clone() };
+    let extinction_request =
+        Request { init: init.as_ref().map(|volume| Arc::new(volume.channel(3))), ..request.clone() };
     let Outcome { field, mut history, mut stages, mut stopped, .. } =
         multilevel::reconstruct(observation, &extinction_request, &mut watch)?;
     stages.iter_mut().for_each(|stage| stage.name.insert_str(0, "extinction, "));

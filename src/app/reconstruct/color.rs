@@ -3,7 +3,7 @@
 use super::capture::LoadedCapture;
 use super::confidence::{self, Fit};
 use super::region::{Placed, RegionSettings};
-use super::volume::{Pictures, Solved, VolumeTask};
+use super::volume::{Measurements, Pictures, Solved, VolumeTask};
 use crate::app::Context;
 use crate::app::checks::Emission;
 use crate::app::earlier::InitialGuess;
@@ -21,8 +21,9 @@ use crate::inverse::color::{self, Shaded};
 use crate::inverse::cost::effort::{self, Rates};
 use crate::inverse::cost::{Cost, Method, PictureSizes};
 use crate::inverse::density::Request;
+use crate::inverse::observation::Observation;
 use crate::inverse::observation::transmittances::Channels;
-use crate::scene::capture::Model;
+use crate::scene::capture::{Capture, Model};
 use crate::scene::grid::Grid;
 use crate::scene::medium::Medium;
 use serde::{Deserialize, Serialize};
@@ -124,21 +125,17 @@ impl ColorSettings {
             );
         }
         work.forecast(&self.region, Channels::Alpha, |work, sample, placed| {
-            let (request, survey) = (self.request(work, placed, held_out.clone()), &placed.survey);
-            let steps = color::most_iterations(&sample.observation, &request);
-            let pictures = PictureSizes::of(&work.input.capture);
-            let seconds = effort::of_steps(Method::Color, survey, &request, pictures.pixels, steps, &Rates::USUAL);
-            Ok((Cost::new(Method::Color, survey, pictures, seconds), None))
+            let request = self.request(work, placed, held_out.clone());
+            Ok((cost(&work.input.capture, &sample.observation, placed, &request), None))
         })?;
         let pictures = work.read(Emission::Sought, Channels::Alpha, true, |photo| photo)?;
         let measurements = work.measure(&self.region, pictures)?;
         let request = self.request(&work, &measurements.unknowns.placed, held_out);
         let init =
             work.task.read_initial_guess(|path| shaded::read(&File::open(path, limits)?, None, limits.max_memory))?;
-        let steps = color::most_iterations(&measurements.pictures.observation, &request);
-        work.plan(&measurements, &request, Method::Color, steps)?;
-
-        let Pictures { photos, excerpts, observation } = measurements.pictures;
+        let Measurements { pictures: Pictures { photos, excerpts, observation }, unknowns } = measurements;
+        work.begin(&unknowns, cost(&work.input.capture, &observation, &unknowns.placed, &request))?;
+        let steps = color::most_iterations(&observation, &request);
         let outcome =
             work.solve("color", steps, |watch| color::reconstruct(&photos, &observation, &request, init, watch));
         let Shaded { volume, history, stages, train_psnr_db, held_out_psnr_db, voxels, stopped } =
@@ -175,4 +172,12 @@ impl ColorSettings {
             closing: task.closing(),
         }
     }
+}
+
+/// Returns the expected cost by all pictures or a few of them.
+fn cost(capture: &Capture, observation: &Observation, placed: &Placed, request: &Request) -> Cost {
+    let (pictures, survey) = (PictureSizes::of(capture), &placed.survey);
+    let steps = color::most_iterations(observation, request);
+    let seconds = effort::of_steps(Method::Color, survey, request, pictures.pixels, steps, &Rates::USUAL);
+    Cost::new(Method::Color, survey, pictures, seconds)
 }

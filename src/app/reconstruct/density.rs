@@ -36,7 +36,11 @@ use crate::scene::transfer::Transfer;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
+
+/// Longest time between checkpoints, in seconds: years.
+const MOST_SECONDS: f64 = 1e9;
 
 /// Settings of a reconstruction of densities.
 ///
@@ -163,6 +167,16 @@ pub enum Loss {
     L2,
 }
 
+/// What is settled of a search before its pictures are read.
+#[derive(Debug, Clone)]
+pub(super) struct Search {
+    pub solver: DensitySolver,
+    /// Places of the views that are not fitted.
+    pub held_out: Vec<usize>,
+    /// Densities to start from.
+    pub init: Option<Arc<Bricks<f32>>>,
+}
+
 use_case!(DensitySettings => Run, limits);
 
 impl DensitySettings {
@@ -194,6 +208,7 @@ impl DensitySettings {
         }
         let views = input.capture.frames.len();
         let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
+        let search = Search { solver, held_out, init: self.initial_densities(&task)? };
 
         let mut work = VolumeTask::new(task, input, (&self.output, self.report.as_deref()), self.layer.as_deref());
         if work.input.capture.model == Model::Scattering {
@@ -204,24 +219,26 @@ impl DensitySettings {
         let channels = channels(&work.input.capture)?;
         work.forecast(&self.region, channels, |work, sample, placed| {
             let (task, capture) = (&work.task, &work.input.capture);
-            let request = self.request((task, capture), &sample.observation, placed, solver, held_out.clone())?;
+            let request = self.request((task, capture), &sample.observation, placed, &search)?;
             let measured = solver.measured(sample, capture, placed, &request)?;
             Ok((solver.cost(&sample.observation, placed, &request, capture, measured.as_ref()), measured))
         })?;
         let mut pictures = pictures(&mut work, channels, solver)?;
         if let Some(path) = cameras {
+            let search = Search { held_out: Vec::new(), ..search.clone() };
             let request = |work: &VolumeTask<'_>, observation: &Observation, placed: &Placed| {
-                self.request((&work.task, &work.input.capture), observation, placed, solver, Vec::new())
+                self.request((&work.task, &work.input.capture), observation, placed, &search)
             };
             let refined = self.refinement.refine(&mut work, path, &self.region, &mut pictures, request);
             refined.map_err(without_result)?;
         }
         let measurements = work.measure(&self.region, pictures)?;
         let (observation, placed) = (&measurements.pictures.observation, &measurements.unknowns.placed);
-        let request = self.request((&work.task, &work.input.capture), observation, placed, solver, held_out);
+        let request = self.request((&work.task, &work.input.capture), observation, placed, &search);
         let request = request.map_err(|e| e.at(&work.input.json))?;
+        let cost = solver.cost(observation, placed, &request, &work.input.capture, work.measured.as_ref());
+        work.begin(&measurements.unknowns, cost)?;
         let steps = solver.most_iterations(&measurements.pictures.observation, &request, views);
-        work.plan(&measurements, &request, solver.method(), steps)?;
 
         let outcome = work.solve("density", steps, |watch| solver.reconstruct(&measurements, &request, watch));
         let Outcome { field, history, stages, train_psnr_db, held_out_psnr_db, unknowns, stopped } =
@@ -242,7 +259,7 @@ impl DensitySettings {
         })?;
         drop(field);
 
-        let grid = through(grid, transfer_of(&work.input.capture));
+        let grid = with_function(grid, transfer_of(&work.input.capture));
         let grids: Vec<&Grid> = std::iter::once(&grid).chain(&confidence).collect();
         work.write(|metadata| write_grids(&self.output, &grids, metadata, Codec::default(), false))?;
         let voxel_size = grid.transform.voxel_size().to_array();
@@ -269,17 +286,7 @@ impl DensitySettings {
     }
 
     pub(super) fn solver(&self, capture: &Capture) -> Result<DensitySolver> {
-        let source = explained(capture).medium()?.source;
-        let solver = match (self.solver, source) {
-            (Choice::Auto | Choice::Cg, Source::Grey(_)) => DensitySolver::Cg,
-            (Choice::Cg, _) => {
-                return Err(Error::unsupported("⟨solver=cg⟩ needs pictures that depend on the optical depth alone")
-                    .at(&self.capture)
-                    .hint("these show emission that follows the density: leave it out, or use ⟨solver=weiss2021⟩"));
-            }
-            (Choice::Auto, Source::Transfer(_)) => DensitySolver::ThroughTransfer,
-            (Choice::Weiss2021, _) | (Choice::Auto, Source::Linear(_)) => DensitySolver::Weiss2021,
-        };
+        let solver = DensitySolver::of(self.solver, &explained(capture).medium()?).map_err(|e| e.at(&self.capture))?;
         if solver == DensitySolver::Cg && self.prior.is_some() {
             return Err(Error::invalid("⟨prior⟩ is for descents, and conjugate gradients have a prior of their own")
                 .hint("use ⟨smoothing⟩, or ⟨solver=weiss2021⟩"));
@@ -287,17 +294,28 @@ impl DensitySettings {
         Ok(solver)
     }
 
+    /// Reads the densities to start from; none where the search starts from nothing.
+    ///
+    /// # Errors
+    /// If their file cannot be read, or they do not fit in memory.
+    pub(super) fn initial_densities(&self, task: &Task) -> Result<Option<Arc<Bricks<f32>>>> {
+        // The output has grids of confidences beside its own.
+        let name = self.resume.then_some(self.grid.as_str());
+        let limits = task.limits;
+        let found = task.read_initial_guess(|path| {
+            let grid = File::open(path, limits)?.read_fog(name)?;
+            Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(path))
+        })?;
+        Ok(found.map(Arc::new))
+    }
+
     pub(super) fn request(
         &self,
         (task, capture): (&Task, &Capture),
         observation: &Observation,
         placed: &Placed,
-        solver: DensitySolver,
-        held_out: Vec<usize>,
+        search: &Search,
     ) -> Result<Request> {
-        // The output has grids of confidences beside its own.
-        let name = self.resume.then_some(self.grid.as_str());
-        let init = task.read_initial_guess(|path| volume(path, name, task.limits))?;
         Ok(Request {
             lattice: placed.lattice,
             bounds: placed.bounds,
@@ -307,9 +325,9 @@ impl DensitySettings {
             smoothing: self.smoothing,
             prior: self.prior,
             robust: self.loss == Loss::Huber,
-            held_out,
-            iterations: self.iterations.unwrap_or(solver.usual_iterations(observation.noisy())),
-            init,
+            held_out: search.held_out.clone(),
+            iterations: self.iterations.unwrap_or(search.solver.usual_iterations(observation.noisy())),
+            init: search.init.clone(),
             max_memory: task.limits.max_memory,
             checkpoint: self.checkpoint.map(|seconds| self.checkpoint(seconds, task, capture)),
             cancel: task.stop(),
@@ -324,7 +342,7 @@ impl DensitySettings {
         provenance.lap();
         let metadata = provenance.metadata();
         Checkpoint::new(Duration::from_secs_f64(seconds.min(MOST_SECONDS)), move |field| {
-            let grid = through(field.to_grid(&name), transfer.as_ref());
+            let grid = with_function(field.to_grid(&name), transfer.as_ref());
             if let Err(error) = write_grids(&output, &[&grid], &metadata, Codec::default(), false) {
                 context.note(format!("no checkpoint is written: {error}"));
             }
@@ -366,18 +384,11 @@ fn transfer_of(capture: &Capture) -> Option<&Transfer> {
 }
 
 /// Returns a grid with the transfer function of its pictures.
-fn through(mut grid: Grid, transfer: Option<&Transfer>) -> Grid {
+fn with_function(mut grid: Grid, transfer: Option<&Transfer>) -> Grid {
     if let Some(transfer) = transfer {
         grid.metadata.insert(transfer::METADATA_KEY.into(), transfer::to_metadata(&transfer.clone().into()));
     }
     grid
-}
-
-/// Longest time between checkpoints, in seconds: years.
-const MOST_SECONDS: f64 = 1e9;
-fn volume(path: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks<f32>> {
-    let grid = File::open(path, limits)?.read_fog(grid)?;
-    Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(path))
 }
 
 /// Returns the capture whose pictures the densities explain: of a medium that scatters light, alpha takes the place of

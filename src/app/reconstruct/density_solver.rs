@@ -1,11 +1,12 @@
 //! The solvers of densities, and what each of them costs.
 
-use super::forecast::Search;
+use super::density::Choice;
+use super::forecast::ExpectedSearch;
 use super::region::Placed;
 use super::sample::{Measured, Sample};
 use super::volume::{Measurements, Pictures};
 use crate::app::run::Solver;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::inverse::cost::effort::{self, Rates};
 use crate::inverse::cost::{Cost, Method, PictureSizes};
 use crate::inverse::density::{Outcome, Request};
@@ -14,12 +15,13 @@ use crate::inverse::observation::Observation;
 use crate::inverse::progress::Step;
 use crate::inverse::through_transfer;
 use crate::scene::capture::Capture;
+use crate::scene::medium::{Medium, Source};
 use std::ops::ControlFlow;
 
 /// Iterations on the finest level from which on a volume suits its cameras, if they suit one another.
 pub(super) const SETTLED: usize = 8;
 
-/// Solver of densities, as [`Choice`](super::density::Choice) and the medium of the pictures choose it.
+/// Solver of densities, as [`Choice`] and the medium of the pictures choose it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum DensitySolver {
     Cg,
@@ -28,6 +30,22 @@ pub(super) enum DensitySolver {
 }
 
 impl DensitySolver {
+    /// Returns the solver for pictures of a medium.
+    ///
+    /// # Errors
+    /// If the choice does not suit the medium.
+    pub(super) fn of(choice: Choice, medium: &Medium) -> Result<Self> {
+        Ok(match (choice, &medium.source) {
+            (Choice::Auto | Choice::Cg, Source::Grey(_)) => Self::Cg,
+            (Choice::Cg, _) => {
+                return Err(Error::unsupported("⟨solver=cg⟩ needs pictures that depend on the optical depth alone")
+                    .hint("these show emission that follows the density: leave it out, or use ⟨solver=weiss2021⟩"));
+            }
+            (Choice::Auto, Source::Transfer(_)) => Self::ThroughTransfer,
+            (Choice::Weiss2021, _) | (Choice::Auto, Source::Linear(_)) => Self::Weiss2021,
+        })
+    }
+
     /// Returns the largest number of iterations on the finest level, or of epochs, unless the settings say so.
     pub(super) fn usual_iterations(self, noisy: bool) -> u32 {
         match self {
@@ -87,7 +105,9 @@ impl DensitySolver {
     ) -> Cost {
         let (sizes, survey) = (PictureSizes::of(capture), &placed.survey);
         let seconds = match self {
-            Self::Cg => Search::new(observation, survey, request, (sizes.count, sizes.pixels), measured).seconds(),
+            Self::Cg => {
+                ExpectedSearch::new(observation, survey, request, (sizes.count, sizes.pixels), measured).seconds()
+            }
             _ => {
                 let steps = self.most_iterations(observation, request, sizes.count);
                 effort::of_steps(self.method(), survey, request, sizes.pixels, steps, &Rates::USUAL)

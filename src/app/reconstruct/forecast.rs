@@ -72,12 +72,12 @@ impl Forecast<'_> {
 
 /// A search by conjugate gradients that is to come.
 #[derive(Debug)]
-pub(super) struct Search {
+pub(super) struct ExpectedSearch {
     levels: Vec<LevelWork>,
     rates: Rates,
 }
 
-impl Search {
+impl ExpectedSearch {
     /// Prepares the work of all levels for `views` pictures, of which those observed are some or all.
     pub(super) fn new(
         observation: &Observation,

@@ -1,7 +1,7 @@
 //! What a reconstruction of densities will take: unknowns, memory, time by stage, and time on several machines.
 
-use super::density::{Choice, DensitySettings, channels};
-use super::forecast::{ExpectedStage, Search, around, placed};
+use super::density::{Choice, DensitySettings, Search, channels};
+use super::forecast::{ExpectedSearch, ExpectedStage, around, placed};
 use super::region::{Placed, RegionSettings};
 use super::sample::{Measured, Sample};
 use crate::app::photos;
@@ -173,7 +173,8 @@ impl DensitySettings {
         let (placed, placing) = placed(&self.region, &input.capture, &sample).map_err(|e| e.at(&json))?;
         let task = Task::planned(self.limits, context);
         let observation = &sample.observation;
-        let request = self.request((&task, &input.capture), observation, &placed, solver, held_out)?;
+        let chosen = Search { solver, held_out, init: self.initial_densities(&task)? };
+        let request = self.request((&task, &input.capture), observation, &placed, &chosen)?;
         let measured = {
             let _stage = context.stage("timing");
             solver.measured(&sample, &input.capture, &placed, &request).map_err(|e| e.at(&json))?
@@ -191,7 +192,7 @@ impl DensitySettings {
             read: observation.maps.len(),
             voxel_size: placed.lattice.voxel_size().to_array(),
             seconds_range: measured.as_ref().map(|_| range),
-            iterations: search.as_ref().map(Search::iterations),
+            iterations: search.as_ref().map(ExpectedSearch::iterations),
             threads: rayon::current_num_threads(),
             timed_level: measured.as_ref().map(|measured| measured.level),
             memory: draft.memory(solver.method()),
@@ -225,7 +226,7 @@ impl Draft<'_> {
         sample: &Sample,
         placing: f64,
         measured: Option<&Measured>,
-    ) -> (Vec<ExpectedStage>, Option<Search>) {
+    ) -> (Vec<ExpectedStage>, Option<ExpectedSearch>) {
         let Self { capture, placed, request, cost } = self;
         let views = capture.frames.len();
         let Some(measured) = measured else {
@@ -233,7 +234,7 @@ impl Draft<'_> {
             return (vec![stage("read pictures", sample.reading), stage("search and confidence", cost.seconds)], None);
         };
         let pictures = (views, capture.pixels());
-        let search = Search::new(&sample.observation, &placed.survey, request, pictures, Some(measured));
+        let search = ExpectedSearch::new(&sample.observation, &placed.survey, request, pictures, Some(measured));
         let [reading, confidence, writing] = around(sample, placing, (&placed.survey, views), measured);
         let stages = std::iter::once(reading).chain(search.stages()).chain([confidence, writing]).collect();
         (stages, Some(search))
@@ -269,7 +270,13 @@ impl Draft<'_> {
     }
 
     /// Returns the time on several machines of a run that takes so many seconds on one.
-    fn scaled(&self, settings: &ScalingSettings, seconds: f64, search: &Search, measured: &Measured) -> ScalingPlan {
+    fn scaled(
+        &self,
+        settings: &ScalingSettings,
+        seconds: f64,
+        search: &ExpectedSearch,
+        measured: &Measured,
+    ) -> ScalingPlan {
         let cluster = settings.cluster();
         let passes: Vec<Pass> = search.passes().into_iter().chain([measured.probes]).collect();
         let still = Cluster { delay: 0.0, ..cluster };

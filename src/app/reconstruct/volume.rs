@@ -1,7 +1,7 @@
 //! The reconstruction of voxels: the steps from pictures to report that densities and pre-shaded volumes share.
 
 use super::capture::LoadedCapture;
-use super::forecast::{Forecast, Search};
+use super::forecast::Forecast;
 use super::page;
 use super::region::{Placed, RegionSettings, Unknowns};
 use super::sample::{Measured, Sample};
@@ -13,9 +13,7 @@ use crate::app::photos;
 use crate::app::run::{self, RefinedCameras, Run, Solver};
 use crate::app::task::{Captured, Task};
 use crate::error::Result;
-use crate::inverse::cost::effort::{self, Rates};
-use crate::inverse::cost::{Cost, Method, PictureSizes};
-use crate::inverse::density::Request;
+use crate::inverse::cost::Cost;
 use crate::inverse::observation::Observation;
 use crate::inverse::observation::photo::Photo;
 use crate::inverse::observation::transmittances::{Channels, Transmittances};
@@ -40,7 +38,8 @@ pub(super) struct VolumeTask<'t> {
     clock: StageClock,
     warnings: Vec<Warning>,
     expected: Option<Cost>,
-    measured: Option<Measured>,
+    /// Rates of the search on a few of the pictures; none where that was not timed.
+    pub measured: Option<Measured>,
     refined: Option<RefinedCameras>,
 }
 
@@ -172,28 +171,14 @@ impl<'t> VolumeTask<'t> {
         Ok(Measurements { pictures, unknowns })
     }
 
-    /// Ends the stage that read the pictures and begins the work, once memory and VDB are known to hold its result.
+    /// Ends the stage that read the pictures and begins the search, once memory and VDB are known to hold its result.
     ///
     /// # Errors
     /// If the unknowns do not fit in memory, or no VDB can hold their lattice.
-    pub(crate) fn plan(
-        &mut self,
-        measurements: &Measurements,
-        request: &Request,
-        method: Method,
-        steps: u64,
-    ) -> Result<()> {
+    pub(crate) fn begin(&mut self, unknowns: &Unknowns, expected: Cost) -> Result<()> {
         self.clock.end(if self.refined.is_some() { "choose the region" } else { "read pictures" });
-        let (survey, observation) = (&measurements.unknowns.placed.survey, &measurements.pictures.observation);
-        let pictures = PictureSizes::of(&self.input.capture);
-        let PictureSizes { pixels, count, .. } = pictures;
-        let seconds = match method {
-            Method::Cg => Search::new(observation, survey, request, (count, pixels), self.measured.as_ref()).seconds(),
-            _ => effort::of_steps(method, survey, request, pixels, steps, &Rates::USUAL),
-        };
-        let expected = Cost::new(method, survey, pictures, seconds);
-        expected.fits(request.max_memory).map_err(|e| e.at(&self.input.json))?;
-        measurements.unknowns.writable(self.vdb)?;
+        expected.fits(self.task.limits.max_memory).map_err(|e| e.at(&self.input.json))?;
+        unknowns.writable(self.vdb)?;
         self.task.context.note(format!("expected: {expected}"));
         self.task.work_begins();
         self.expected = Some(expected);

@@ -16,6 +16,7 @@ use crate::inverse::progress::{Stage, Step};
 use crate::math::{Aabb, Affine};
 use crate::scene::bricks::Bricks;
 use crate::scene::medium::Medium;
+use std::sync::Arc;
 
 /// Inputs and limits of a density reconstruction.
 #[derive(Debug, Clone)]
@@ -41,7 +42,7 @@ pub struct Request {
     /// True to bound the influence of outliers (Huber's loss).
     pub robust: bool,
     /// A volume to start from.
-    pub init: Option<Bricks<f32>>,
+    pub init: Option<Arc<Bricks<f32>>>,
     /// Bytes of memory that may be used.
     pub max_memory: u64,
     /// Polled inside every pass; once set, the reconstruction so far is the result.

@@ -38,7 +38,7 @@ pub fn reconstruct(
     let mut stages = Vec::new();
     let mut history: Vec<Step> = Vec::new();
     let mut stopped = false;
-    let mut field = request.init.clone();
+    let mut field = request.init.as_deref().cloned();
     let levels = levels(&request.lattice, &request.bounds, field.as_ref());
     let mut last = None;
     let mut passes = usual_passes(observation, request);
@@ -115,7 +115,7 @@ pub struct LevelSteps {
 /// Returns the iterations that are expected on each level, the coarsest first. They are known where held-out views have
 /// no say; else the usual number is what captures of smoke, tiles and photographs took.
 pub fn expected_steps(observation: &Observation, request: &Request) -> Vec<LevelSteps> {
-    let levels = levels(&request.lattice, &request.bounds, request.init.as_ref());
+    let levels = levels(&request.lattice, &request.bounds, request.init.as_deref());
     let coarse = coarse_iterations(observation, request);
     let noisy = observation.noisy() && request.smoothing.is_none();
     let of_level = |level: u32| {
@@ -153,7 +153,7 @@ const CYCLE: f64 = 6.0;
 
 /// Returns the largest number of iterations of a run, over all levels.
 pub fn most_iterations(observation: &Observation, request: &Request) -> u64 {
-    let levels = levels(&request.lattice, &request.bounds, request.init.as_ref());
+    let levels = levels(&request.lattice, &request.bounds, request.init.as_deref());
     let coarse = u64::from(levels - 1) * u64::from(coarse_iterations(observation, request));
     // Each level tries one number of blur passes that it does not keep, or more.
     let tries = request.smoothing.is_none() && !observation.noisy();

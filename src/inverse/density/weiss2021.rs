@@ -54,7 +54,7 @@ pub fn reconstruct(
     let model = ForwardModel { medium: &request.medium, background: request.background, quadrature };
 
     let mut level = coarsest(request);
-    let mut field = request.init.clone();
+    let mut field = request.init.as_deref().cloned();
     let mut progress = Progress::new(&mut watch);
     let mut unknowns = None;
     loop {

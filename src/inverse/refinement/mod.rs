@@ -29,6 +29,7 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 use nalgebra::DVector;
 use rayon::prelude::*;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 /// Voxels along the longest edge on the coarsest level, at least.
 const COARSEST: f64 = 24.0;
@@ -157,6 +158,7 @@ fn densities(
     init: Option<Bricks<f32>>,
 ) -> Result<Bricks<f32>> {
     let lattice = lattice::coarser(&request.lattice, level)?;
+    let init = init.map(Arc::new);
     let request = Request { lattice, held_out: Vec::new(), iterations, init, ..request.clone() };
     let cancel = request.cancel.clone();
     let watch = |_: &Step| match cancel.requested() {
