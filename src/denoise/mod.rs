@@ -17,6 +17,7 @@ mod blocks;
 mod carried;
 mod coherence;
 mod contradiction;
+mod cuts;
 mod denoiser;
 mod detail;
 mod difference;
@@ -52,6 +53,7 @@ pub(crate) mod wrls;
 
 pub use ahead::Ahead;
 pub use contradiction::contradiction;
+pub use cuts::CutDetector;
 pub use denoiser::{Denoiser, Method};
 pub use estimate::Estimate;
 pub use frame::{Denoised, Frame};

@@ -2,10 +2,10 @@
 
 use super::held::ReadAhead;
 use super::motion::Motions;
-use super::passes::Directions;
 use super::plan::{Plan, Step};
 use super::reading::Reader;
-use super::shot::{Shot, Target};
+use super::shot::{Shot, Target, View};
+use super::view_denoiser::ViewDenoiser;
 use super::{COMMAND, Cuts, DenoiseSettings, KEYS};
 use crate::app::Context;
 use crate::app::context::Stage;
@@ -127,89 +127,35 @@ impl Sequence<'_> {
         cancel: &Cancel,
         context: &Context,
     ) -> Result<Done> {
-        let mut done = Done { at_rest: true, ..Done::default() };
-        let mut cuts = BTreeSet::new();
-        let DenoiseSettings { method, cuts: find, error, .. } = *self.settings;
-        let new = || Directions::new(method.method(), settings, find == Cuts::Auto, error);
-        // One a view, from the first frame on.
-        let mut directions: Vec<Directions> = Vec::new();
-        let mut expected = None;
+        let done = Done { at_rest: true, ..Done::default() };
+        let mut work =
+            Work { sequence: self, settings, views: Vec::new(), expected: None, cuts: BTreeSet::new(), done };
         for step in &plan.steps {
             if cancel.requested() {
                 return Err(Error::cancelled());
             }
-            let (frame, forward, keep, again) = match *step {
+            let look = match *step {
                 Step::Begin => {
-                    directions.iter_mut().for_each(Directions::begin);
+                    work.views.iter_mut().for_each(ViewDenoiser::begin);
                     continue;
                 }
                 Step::Backward => {
-                    directions.iter_mut().for_each(Directions::turn);
+                    work.views.iter_mut().for_each(ViewDenoiser::turn);
                     continue;
                 }
                 Step::Rewind => {
-                    directions.iter_mut().for_each(Directions::rewind);
+                    work.views.iter_mut().for_each(ViewDenoiser::rewind);
                     continue;
                 }
-                Step::Look { frame, keep } => (frame, false, keep, true),
-                Step::Denoise { frame, write, again } => (frame, true, write, again),
+                Step::Look { frame, keep } => Look { frame, forward: false, keep, again: true },
+                Step::Denoise { frame, write, again } => Look { frame, forward: true, keep: write, again },
             };
-            let number = self.numbers[frame];
             let Ok(shot) = read.recv() else { return Err(Error::cancelled()) };
-            let shot = match shot.and_then(|shot| self.fits(frame, shot, &mut expected)) {
-                Ok(shot) => shot,
-                Err(e) if e.kind() == Kind::Cancelled => return Err(e),
-                Err(e) => {
-                    if forward && keep {
-                        done.failed.push((number, e));
-                    } else if forward && !again {
-                        context.note(format!("frame {number}, of which others learn: {e}"));
-                    }
-                    continue;
-                }
-            };
-            let started = Instant::now();
-            if shot.contradiction > 0.0 && done.contradiction.is_none_or(|(first, _)| number < first) {
-                done.contradiction = Some((number, shot.contradiction));
-            }
-            done.at_rest &= shot.views.iter().all(|view| view.moved.is_zero());
-            directions.resize_with(shot.views.len(), new);
-            let mut spares = if forward { pictures.spares.try_recv().unwrap_or_default() } else { Vec::new() };
-            let mut views = Vec::new();
-            for (view, directions) in shot.views.into_iter().zip(&mut directions) {
-                if forward {
-                    let mut denoised = spares.pop().unwrap_or_default();
-                    let cut = directions.denoise(number, &view, again, &mut denoised)?;
-                    cuts.extend(cut.then_some(number));
-                    if let Some(found) = denoised[0].estimate.filter(|_| keep) {
-                        let (estimate, frames) = done.estimate;
-                        // Views are the same frame.
-                        done.estimate = (estimate.plus(found), frames + usize::from(views.is_empty()));
-                    }
-                    if self.settings.halves
-                        && keep
-                        && let ([a, b], [da, db]) = (&view.layers[..], &mut denoised[..])
-                    {
-                        let noisy = [&a.color[..], &b.color[..]];
-                        take_back(view.size, noisy, [&mut da.color, &mut db.color]);
-                        let halves = Halves { size: view.size, noisy, denoised: [&da.color, &db.color] };
-                        done.by_halves.0.add(HalvesEstimate::of(halves)?);
-                        // Views are the same frame.
-                        done.by_halves.1 += usize::from(views.is_empty());
-                    }
-                    views.push((view.targets, denoised));
-                } else {
-                    directions.observe(number, &view, keep)?;
-                }
-            }
-            done.seconds += started.elapsed().as_secs_f64();
-            if let Some(document) = shot.document {
-                done.filled += shot.filled;
-                done.filled_frames.extend((shot.filled > 0).then_some(number));
-                let picture = Picture { frame, document, views, whole: shot.whole };
-                pictures.write.send(picture).map_err(|_| Error::cancelled())?;
+            if let Some(shot) = work.receive(&look, shot, context)? {
+                work.denoise(&look, shot, pictures)?;
             }
         }
+        let Work { cuts, mut done, .. } = work;
         done.cuts = cuts.into_iter().collect();
         done.filled_frames.sort_unstable();
         Ok(done)
@@ -280,6 +226,104 @@ impl Sequence<'_> {
             bar.inc(1);
         }
         failed
+    }
+}
+
+/// A frame that is looked at.
+struct Look {
+    frame: usize,
+    /// True if it is denoised, and false if it is observed backwards.
+    forward: bool,
+    /// True if what is found of it is wanted: the picture, or what the frames that follow show of it.
+    keep: bool,
+    /// True if it will be looked at again.
+    again: bool,
+}
+
+/// The denoising of a sequence, frame by frame.
+struct Work<'w> {
+    sequence: &'w Sequence<'w>,
+    settings: Settings,
+    /// One a view, from the first frame on.
+    views: Vec<ViewDenoiser>,
+    /// Pixels and layers of the views of the first frame.
+    expected: Option<Vec<([usize; 2], usize)>>,
+    cuts: BTreeSet<u32>,
+    done: Done,
+}
+
+impl Work<'_> {
+    /// Returns the frame that was read; none if it fails, which is noted.
+    ///
+    /// # Errors
+    /// If the work is interrupted.
+    fn receive(&mut self, look: &Look, shot: Result<Shot>, context: &Context) -> Result<Option<Shot>> {
+        let number = self.sequence.numbers[look.frame];
+        match shot.and_then(|shot| self.sequence.fits(look.frame, shot, &mut self.expected)) {
+            Ok(shot) => return Ok(Some(shot)),
+            Err(e) if e.kind() == Kind::Cancelled => return Err(e),
+            Err(e) if look.forward && look.keep => self.done.failed.push((number, e)),
+            Err(e) if look.forward && !look.again => {
+                context.note(format!("frame {number}, of which others learn: {e}"));
+            }
+            Err(_) => {}
+        }
+        Ok(None)
+    }
+
+    /// Observes a frame, or denoises it and hands it on if it is to be written.
+    fn denoise(&mut self, look: &Look, shot: Shot, pictures: &Pictures) -> Result<()> {
+        let number = self.sequence.numbers[look.frame];
+        let started = Instant::now();
+        if shot.contradiction > 0.0 && self.done.contradiction.is_none_or(|(first, _)| number < first) {
+            self.done.contradiction = Some((number, shot.contradiction));
+        }
+        self.done.at_rest &= shot.views.iter().all(|view| view.moved.is_zero());
+        let DenoiseSettings { method, cuts: find, error, .. } = *self.sequence.settings;
+        let new = || ViewDenoiser::new(method.method(), self.settings, find == Cuts::Auto, error);
+        self.views.resize_with(shot.views.len(), new);
+        let mut spares = if look.forward { pictures.spares.try_recv().unwrap_or_default() } else { Vec::new() };
+        let mut views = Vec::new();
+        for (at, view) in shot.views.into_iter().enumerate() {
+            if look.forward {
+                let mut denoised = spares.pop().unwrap_or_default();
+                let cut = self.views[at].denoise(number, &view, look.again, &mut denoised)?;
+                self.cuts.extend(cut.then_some(number));
+                if look.keep {
+                    self.estimate(&view, &mut denoised, at == 0)?;
+                }
+                views.push((view.targets, denoised));
+            } else {
+                self.views[at].observe(number, &view, look.keep)?;
+            }
+        }
+        self.done.seconds += started.elapsed().as_secs_f64();
+        if let Some(document) = shot.document {
+            self.done.filled += shot.filled;
+            self.done.filled_frames.extend((shot.filled > 0).then_some(number));
+            let picture = Picture { frame: look.frame, document, views, whole: shot.whole };
+            pictures.write.send(picture).map_err(|_| Error::cancelled())?;
+        }
+        Ok(())
+    }
+
+    /// Adds what is told of the error of a view, and gives back to halves what they have lost. Views are the same
+    /// frame, which counts once.
+    fn estimate(&mut self, view: &View, denoised: &mut [Denoised], is_first: bool) -> Result<()> {
+        if let Some(found) = denoised[0].estimate {
+            let (estimate, frames) = self.done.estimate;
+            self.done.estimate = (estimate.plus(found), frames + usize::from(is_first));
+        }
+        if self.sequence.settings.halves
+            && let ([a, b], [da, db]) = (&view.layers[..], denoised)
+        {
+            let noisy = [&a.color[..], &b.color[..]];
+            take_back(view.size, noisy, [&mut da.color, &mut db.color]);
+            let halves = Halves { size: view.size, noisy, denoised: [&da.color, &db.color] };
+            self.done.by_halves.0.add(HalvesEstimate::of(halves)?);
+            self.done.by_halves.1 += usize::from(is_first);
+        }
+        Ok(())
     }
 }
 

@@ -5,10 +5,10 @@ mod held;
 mod job;
 mod motion;
 pub(in crate::app) mod names;
-mod passes;
 mod plan;
 mod reading;
 mod shot;
+mod view_denoiser;
 
 pub use motion::Motion;
 
