@@ -156,7 +156,7 @@ impl GuidedDenoiser {
         let kept_noise = if self.rehearsed || is_two_sided { FORGETTING } else { kept };
         let (guided, alpha, mapped) = (outline.alpha.is_some(), outline.exact, self.mapped);
         let own = &self.scratch.determined;
-        let denoised = noise::Denoised {
+        let filtered = noise::Filtered {
             frame,
             grid,
             motions,
@@ -172,7 +172,7 @@ impl GuidedDenoiser {
             told,
             mapped,
         };
-        self.residuals.give_back(&denoised, to);
+        self.residuals.give_back(&filtered, to);
         if alone {
             still::keep_detail(frame, floor.sqrt(), to);
         }

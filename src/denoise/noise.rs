@@ -69,9 +69,9 @@ pub(crate) const NEAREST: f32 = 2.58;
 /// noise.
 const UNKNOWN: f32 = 1e-4;
 
-/// A denoised frame, and what it was denoised from.
+/// A frame as the models predict it, and what it was predicted from.
 #[derive(Debug, Clone, Copy)]
-pub struct Denoised<'d> {
+pub struct Filtered<'d> {
     pub frame: &'d Frame<'d>,
     pub grid: Grid,
     /// Mean motions of the blocks.
@@ -79,7 +79,7 @@ pub struct Denoised<'d> {
     /// Degrees of freedom of the models of the blocks, as shares of the samples that they rest on: of their own noise
     /// denoised colors hold that much.
     pub own: &'d Planes,
-    /// Denoised colors, row by row.
+    /// Filtered colors, row by row.
     pub colors: &'d [Features],
     /// Differences from the frame before, row by row.
     pub before: &'d [Halved],
@@ -103,7 +103,7 @@ pub struct Denoised<'d> {
 
 /// Learns a row of blocks.
 pub(crate) struct Learn<'a> {
-    pub denoised: &'a Denoised<'a>,
+    pub filtered: &'a Filtered<'a>,
     /// Sums after the frame before; empty at the first frame.
     pub before: &'a [Sums],
     pub row: usize,
@@ -118,12 +118,12 @@ impl pulp::NullaryFnOnce for Learn<'_> {
 
     #[inline(always)]
     fn call(self) -> estimate::Row {
-        let Self { denoised, before, row, light, blocks, planes } = self;
-        let Denoised { frame, grid, motions, kept, told, .. } = *denoised;
+        let Self { filtered, before, row, light, blocks, planes } = self;
+        let Filtered { frame, grid, motions, kept, told, .. } = *filtered;
         let top = row * BLOCK;
         sums_of_channels(frame, top, light);
         carry(motions, grid, before, row, blocks);
-        let of_row = add(denoised, top, light, blocks);
+        let of_row = add(filtered, top, light, blocks);
         for sums in &mut *blocks {
             let added = if told { Lanes::ZERO } else { Lanes::load(sums, ADDED) };
             (Lanes::load(sums, SINCE) * kept + added).store(sums, SINCE);
@@ -151,8 +151,8 @@ fn sums_of_channels(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
 
 /// Writes the sums of the pixels of a row of blocks. Returns those of the row.
 #[inline(always)]
-fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) -> estimate::Row {
-    let Denoised { frame, grid, motions, colors, before, illumination, floor, .. } = *denoised;
+fn add(filtered: &Filtered<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) -> estimate::Row {
+    let Filtered { frame, grid, motions, colors, before, illumination, floor, .. } = *filtered;
     let motions = motions.get(top / BLOCK * grid.columns..).unwrap_or_default();
     let [width, height] = frame.size;
     let (groups, line) = (vectors(width), line_of(width));

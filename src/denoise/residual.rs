@@ -15,7 +15,7 @@ use super::history::loaded;
 use super::lanes::{LANES, Lanes, between, dot, each};
 use super::layout::MARGIN;
 use super::minimum::Minimum;
-use super::noise::{ADDED, Denoised, Learn, NOISE_POWER, PIXELS, RESIDUAL_POWER, SINCE, SUMS, Sums};
+use super::noise::{ADDED, Filtered, Learn, NOISE_POWER, PIXELS, RESIDUAL_POWER, SINCE, SUMS, Sums};
 use super::signal::{Calibrate, Calibration, POOL, SOLVED, Solve};
 use super::spectrum;
 use super::vectors::vectors;
@@ -57,46 +57,74 @@ impl Residuals {
         self.sums.grid() == grid
     }
 
-    /// Writes the denoised colors with the signal that their residuals hold, and the estimate of what is left.
-    pub(crate) fn give_back(&mut self, denoised: &Denoised<'_>, to: &mut frame::Denoised) {
-        let Denoised { frame, grid, motions, mapped, .. } = *denoised;
-        if !self.are_over(grid) {
-            *self = Self {
-                next: vec![[0.0; SUMS]; grid.rows * grid.columns],
-                sums: Planes::new(grid, SUMS),
-                spectra: Planes::new(grid, spectrum::SUMS),
-                coherence: Coherence::new(frame.size),
-                minimum: Minimum::new(grid),
-                shares: Planes::new(grid, SOLVED),
-                rows: vec![estimate::Row::default(); grid.rows],
-                maps: Planes::new(if mapped { grid } else { Grid::default() }, estimate::MAPPED),
-                ..Self::default()
-            };
+    /// Writes the filtered colors with the signal that their residuals hold, and the estimate of what is left.
+    pub(crate) fn give_back(&mut self, filtered: &Filtered<'_>, to: &mut frame::Denoised) {
+        if !self.are_over(filtered.grid) {
+            *self = Self::new(filtered);
         }
-        let Self { blocks, next, sums, spectra, coherence, calibration, minimum, shares, rows: of_rows, since, maps } =
-            self;
-        let before = &blocks[..];
+        self.learn(filtered);
+        self.calibrate(filtered);
+        self.solve(filtered);
+        self.add_signal(filtered, to);
+        self.estimate(filtered, to);
+        if filtered.mapped {
+            self.map(filtered, to);
+        }
+        std::mem::swap(&mut self.blocks, &mut self.next);
+        self.next.resize(self.blocks.len(), [0.0; SUMS]);
+    }
+
+    fn new(filtered: &Filtered<'_>) -> Self {
+        let Filtered { frame, grid, mapped, .. } = *filtered;
+        Self {
+            next: vec![[0.0; SUMS]; grid.rows * grid.columns],
+            sums: Planes::new(grid, SUMS),
+            spectra: Planes::new(grid, spectrum::SUMS),
+            coherence: Coherence::new(frame.size),
+            minimum: Minimum::new(grid),
+            shares: Planes::new(grid, SOLVED),
+            rows: vec![estimate::Row::default(); grid.rows],
+            maps: Planes::new(if mapped { grid } else { Grid::default() }, estimate::MAPPED),
+            ..Self::default()
+        }
+    }
+
+    /// Sums noise, residuals and their spectra.
+    fn learn(&mut self, filtered: &Filtered<'_>) {
+        let Self { blocks, next, sums, spectra, rows: of_rows, .. } = self;
+        let (grid, before) = (filtered.grid, &blocks[..]);
         let planes = sums.data.par_chunks_mut(SUMS * grid.stride());
         let rows = next.par_chunks_mut(grid.columns).zip(planes).zip(of_rows.par_iter_mut()).enumerate();
         rows.with_min_len(2).for_each_init(Vec::new, |light, (row, ((blocks, planes), of_row))| {
-            *of_row = Arch::default().dispatch(Learn { denoised, before, row, light, blocks, planes });
+            *of_row = Arch::default().dispatch(Learn { filtered, before, row, light, blocks, planes });
         });
         let rows = spectra.data.par_chunks_mut(spectrum::SUMS * grid.stride()).enumerate();
         rows.with_min_len(2).for_each_init(Default::default, |(lines, blocks), (row, planes)| {
-            Arch::default().dispatch(spectrum::Sum { denoised, row, lines, blocks, planes });
+            Arch::default().dispatch(spectrum::Sum { filtered, row, lines, blocks, planes });
         });
-        let (sums, spectra) = (&*sums, &*spectra);
+    }
+
+    /// Adds what the whole frame tells of the noise.
+    fn calibrate(&mut self, filtered: &Filtered<'_>) {
+        let Self { sums, spectra, .. } = &*self;
+        let (grid, motions) = (filtered.grid, filtered.motions);
         let of_row =
             |pool: &mut Pool, row: usize| Arch::default().dispatch(Calibrate { sums, spectra, motions, row, pool });
         let rows = (POOL..grid.rows).into_par_iter().step_by(Calibrate::STEP);
         let found: Vec<Calibration> = rows.map_init(Pool::default, of_row).collect();
         // In order, so that the sum is the same for any number of threads.
         let found = found.into_iter().fold(Calibration::default(), |all, row| all.plus_share(1.0, row));
-        *calibration = calibration.plus_share(f64::from(denoised.kept), found);
-        let calibration = *calibration;
-        let noise = calibration.noise_spectra(denoised.guided);
+        self.calibration = self.calibration.plus_share(f64::from(filtered.kept), found);
+    }
+
+    /// Solves for the shares of the residuals that are signal.
+    fn solve(&mut self, filtered: &Filtered<'_>) {
+        let Self { sums, spectra, calibration, minimum, shares, .. } = self;
+        let (sums, spectra, calibration, motions) = (&*sums, &*spectra, *calibration, filtered.motions);
+        let noise = calibration.noise_spectra(filtered.guided);
+        let stride = filtered.grid.stride();
         let (before, now) = minimum.advance();
-        let rows = shares.data.par_chunks_mut(SOLVED * grid.stride()).zip(now.data.par_chunks_mut(grid.stride()));
+        let rows = shares.data.par_chunks_mut(SOLVED * stride).zip(now.data.par_chunks_mut(stride));
         rows.enumerate().with_min_len(8).for_each_init(Pool::default, |pool, (row, (to, minima))| {
             Arch::default().dispatch(Solve {
                 sums,
@@ -111,15 +139,26 @@ impl Residuals {
                 to,
             });
         });
+    }
+
+    /// Adds the signal to the filtered colors.
+    fn add_signal(&mut self, filtered: &Filtered<'_>, to: &mut frame::Denoised) {
+        let Self { coherence, shares, .. } = self;
+        let frame = filtered.frame;
         to.color.resize(frame.color.len(), Vec3::ZERO);
         let rows = to.color.par_chunks_mut(frame.size[0]).zip(coherence.lines()).enumerate();
         rows.with_min_len(8).for_each_init(Interpolated::default, |interpolated, (row, (to, taken))| {
-            Arch::default().dispatch(GiveBack { denoised, shares, row, interpolated, to, taken });
+            Arch::default().dispatch(GiveBack { filtered, shares, row, interpolated, to, taken });
         });
-        if !denoised.alone {
+        if !filtered.alone {
             coherence.give_back(frame, shares, &mut to.color);
         }
-        let shares = &*shares;
+    }
+
+    /// Estimates the noise of the frame, and the error that is left.
+    fn estimate(&mut self, filtered: &Filtered<'_>, to: &mut frame::Denoised) {
+        let Self { sums, shares, rows: of_rows, .. } = &*self;
+        let grid = filtered.grid;
         let of_row = |row: usize| {
             let plane = |plane: usize| &sums.row(row, plane)[..grid.columns];
             let blocks = estimate::Blocks {
@@ -127,47 +166,49 @@ impl Residuals {
                 noise: plane(ADDED + NOISE_POWER),
                 residual: plane(ADDED + RESIDUAL_POWER),
                 shares: shares.row(row, 0),
-                own: denoised.own.row(row, 0),
-                motions: denoised.motions.get(row * grid.columns..).unwrap_or_default(),
+                own: filtered.own.row(row, 0),
+                motions: filtered.motions.get(row * grid.columns..).unwrap_or_default(),
             };
             Estimate::of_row(blocks, of_rows[row])
         };
         let estimates: Vec<Estimate> = (0..grid.rows).into_par_iter().map(of_row).collect();
         // In order, so that the sum is the same for any number of threads.
         let found = estimates.into_iter().fold(Estimate::default(), Estimate::plus);
-        *since = since.plus_share(f64::from(denoised.kept), found);
+        self.since = self.since.plus_share(f64::from(filtered.kept), found);
         to.estimate = Some(found).filter(|found| found.pixels > 0.0);
-        if mapped {
-            let planes = maps.data.par_chunks_mut(estimate::MAPPED * grid.stride()).enumerate();
-            planes.for_each_init(Pool::default, |pool, (row, to)| {
-                let which = [PIXELS, NOISE_POWER, RESIDUAL_POWER].map(|place| (SINCE + place, POOL));
-                let (vectors, pooled) = pool.sums(sums, row, which.into_iter());
-                let planes = [0, 1, 2].map(|plane| &pooled[plane * vectors..][..vectors]);
-                // What others told of the noise of a first frame does not tell its error.
-                let fits = since.fits() && !denoised.told;
-                estimate::map_row(planes, shares.row(row, 0), fits, to);
-            });
-            let maps = &*maps;
-            to.map.resize(frame.color.len(), [0.0; estimate::MAPPED]);
-            let rows = to.map.par_chunks_mut(frame.size[0]).enumerate();
-            rows.with_min_len(8).for_each_init(Interpolated::default, |interpolated, (row, to)| {
-                interpolated.take(grid, row, maps);
-                for (at, to) in to.chunks_mut(LANES).enumerate() {
-                    let found: [Lanes; estimate::MAPPED] = [interpolated.at(0, at), interpolated.at(1, at)];
-                    for (lane, to) in to.iter_mut().enumerate() {
-                        *to = found.map(|plane| plane.0[lane]);
-                    }
+    }
+
+    /// Maps noise and error, pixel by pixel.
+    fn map(&mut self, filtered: &Filtered<'_>, to: &mut frame::Denoised) {
+        let Self { sums, shares, since, maps, .. } = self;
+        let (grid, frame) = (filtered.grid, filtered.frame);
+        // What others told of the noise of a first frame does not tell its error.
+        let fits = since.fits() && !filtered.told;
+        let planes = maps.data.par_chunks_mut(estimate::MAPPED * grid.stride()).enumerate();
+        planes.for_each_init(Pool::default, |pool, (row, to)| {
+            let which = [PIXELS, NOISE_POWER, RESIDUAL_POWER].map(|place| (SINCE + place, POOL));
+            let (vectors, pooled) = pool.sums(sums, row, which.into_iter());
+            let planes = [0, 1, 2].map(|plane| &pooled[plane * vectors..][..vectors]);
+            estimate::map_row(planes, shares.row(row, 0), fits, to);
+        });
+        let maps = &*maps;
+        to.map.resize(frame.color.len(), [0.0; estimate::MAPPED]);
+        let rows = to.map.par_chunks_mut(frame.size[0]).enumerate();
+        rows.with_min_len(8).for_each_init(Interpolated::default, |interpolated, (row, to)| {
+            interpolated.take(grid, row, maps);
+            for (at, to) in to.chunks_mut(LANES).enumerate() {
+                let found: [Lanes; estimate::MAPPED] = [interpolated.at(0, at), interpolated.at(1, at)];
+                for (lane, to) in to.iter_mut().enumerate() {
+                    *to = found.map(|plane| plane.0[lane]);
                 }
-            });
-        }
-        std::mem::swap(blocks, next);
-        next.resize(blocks.len(), [0.0; SUMS]);
+            }
+        });
     }
 }
 
 /// Gives the signal back to a row of pixels.
 struct GiveBack<'a> {
-    denoised: &'a Denoised<'a>,
+    filtered: &'a Filtered<'a>,
     shares: &'a Planes,
     row: usize,
     interpolated: &'a mut Interpolated,
@@ -181,8 +222,8 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { denoised, shares, row, interpolated, to, taken } = self;
-        let Denoised { frame, grid, colors, before, alpha, floor, .. } = *denoised;
+        let Self { filtered, shares, row, interpolated, to, taken } = self;
+        let Filtered { frame, grid, colors, before, alpha, floor, .. } = *filtered;
         // In units of the picture's brightness, so that squares of products stay numbers.
         let unit = 1.0 / floor.sqrt();
         let width = to.len();
@@ -192,7 +233,7 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
         let (colors, before) = (&colors[groups..], &before[groups..]);
         let after = frame.ahead.map(|ahead| &ahead.differences[groups..]);
         // A single picture is compared with what comes out of it: how much changes tells noise from detail.
-        let alphas = alpha.filter(|_| !denoised.alone).map(|alpha| &alpha[row * width..][..width]);
+        let alphas = alpha.filter(|_| !filtered.alone).map(|alpha| &alpha[row * width..][..width]);
         for (at, ((to, pixels), found)) in to.chunks_mut(LANES).zip(pixels).zip(colors).enumerate() {
             let (color, seen) = loaded(pixels);
             let residual: [Lanes; CHANNELS] = each(|c| color[c] - found[c]);
@@ -277,8 +318,8 @@ mod tests {
             let seen =
                 |k: u32, i: usize| truth(i) + Vec3::splat(amount * noise(i as u32 * 31 + (frame * 3 + k) * 7_919));
             let color: Vec<Vec3> = (0..SIZE[0] * SIZE[1]).map(|i| seen(0, i)).collect();
-            let denoised = |i: usize| truth(i) + Vec3::splat(error(i));
-            let colors = lanes(denoised);
+            let filtered = |i: usize| truth(i) + Vec3::splat(error(i));
+            let colors = lanes(filtered);
             let apart = |k: u32, known: bool| -> Vec<Halved> {
                 let known = Lanes([if known { 1.0 } else { 0.0 }; LANES]);
                 lanes(|i| color[i] - seen(k, i)).iter().map(|apart| halved(apart, known)).collect()
@@ -287,7 +328,7 @@ mod tests {
             let ahead = Ahead { size: SIZE, frames: 1, differences: after, ..Ahead::default() };
             let frame = Frame { size: SIZE, color: &color, ahead: Some(&ahead), ..Frame::default() };
             let grid = Grid::over(SIZE);
-            let given = Denoised {
+            let given = Filtered {
                 frame: &frame,
                 grid,
                 motions: &[],
@@ -306,7 +347,7 @@ mod tests {
             let mut to = frame::Denoised::default();
             residuals.give_back(&given, &mut to);
             for (i, to) in to.color.iter().enumerate() {
-                let errors = [color[i] - truth(i), denoised(i) - truth(i), *to - truth(i)];
+                let errors = [color[i] - truth(i), filtered(i) - truth(i), *to - truth(i)];
                 sums = each(|k| sums[k] + errors[k].length_squared() / (3 * color.len()) as f32);
             }
         }

@@ -20,7 +20,7 @@ use super::difference;
 use super::history::loaded;
 use super::lanes::{LANES, Lanes, dot, each};
 use super::layout::{MARGIN, line_of};
-use super::noise::Denoised;
+use super::noise::Filtered;
 use super::vectors::vectors;
 use crate::arch::Arch;
 
@@ -84,7 +84,7 @@ const fn weights() -> [[f32; LAGS.len()]; FREQUENCIES.len()] {
 
 /// Sums the products of a row of blocks.
 pub(crate) struct Sum<'a> {
-    pub denoised: &'a Denoised<'a>,
+    pub filtered: &'a Filtered<'a>,
     pub row: usize,
     /// Residuals by channel, of the rows below, too.
     pub lines: &'a mut Vec<f32>,
@@ -97,8 +97,8 @@ impl pulp::NullaryFnOnce for Sum<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { denoised, row, lines, blocks, planes } = self;
-        let Denoised { frame, grid, colors, before, floor, .. } = *denoised;
+        let Self { filtered, row, lines, blocks, planes } = self;
+        let Filtered { frame, grid, colors, before, floor, .. } = *filtered;
         let [width, height] = frame.size;
         let (groups, line, top) = (vectors(width), line_of(width), row * BLOCK);
         let (count, rows) = (BLOCK.min(height - top), (BLOCK + PATCH - 1).min(height - top));
@@ -374,7 +374,7 @@ mod tests {
         let colors = vec![[Lanes::ZERO; 3]; vectors(SIZE[0]) * SIZE[1]];
         let frame = Frame { size: SIZE, color: &color, ..Frame::default() };
         let known = Lanes([if is_known { 1.0 } else { 0.0 }; LANES]);
-        let denoised = Denoised {
+        let filtered = Filtered {
             frame: &frame,
             grid,
             motions: &[],
@@ -393,7 +393,7 @@ mod tests {
         let mut sums = Planes::new(grid, SUMS);
         for (row, planes) in sums.data.chunks_mut(SUMS * grid.stride()).enumerate() {
             let (lines, blocks) = (&mut Vec::new(), &mut Vec::new());
-            pulp::NullaryFnOnce::call(Sum { denoised: &denoised, row, lines, blocks, planes });
+            pulp::NullaryFnOnce::call(Sum { filtered: &filtered, row, lines, blocks, planes });
         }
         sums
     }

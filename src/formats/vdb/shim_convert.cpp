@@ -33,7 +33,7 @@ template <typename GridT> typename GridT::Ptr level_set(GridT& in, double iso, d
     std::vector<Vec3s> points;
     std::vector<Vec4I> quads;
     tools::volumeToMesh(*plain, points, quads, iso);
-    if (quads.empty()) throw cumulo::Unsupported("no surface lies where the values pass that of --iso");
+    if (quads.empty()) throw cumulo::Unsupported("no surface lies among the values");
     const typename GridT::Ptr out = tools::meshToUnsignedDistanceField<GridT>(
         *math::Transform::createLinearTransform(1.0), points, std::vector<Vec3I>(), quads, half_width);
     const V background = V(half_width * voxel);
