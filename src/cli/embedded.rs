@@ -26,7 +26,7 @@ pub struct Answer {
 /// If the words cannot be read (code `usage`), and those of the command.
 pub fn run(words: impl IntoIterator<Item = OsString>, context: Context) -> Result<Answer> {
     let words = std::iter::once(OsString::from("cumulo")).chain(words);
-    let mut arguments = match Arguments::read(words) {
+    let arguments = match Arguments::read(words) {
         Ok(arguments) => arguments,
         Err(shown) if matches!(shown.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             return Ok(Answer { document: shown.render().to_string(), code: 0 });
@@ -42,7 +42,7 @@ pub fn run(words: impl IntoIterator<Item = OsString>, context: Context) -> Resul
     };
     let kept = Arc::new(Mutex::new(String::new()));
     let output = Output::into_text(&arguments.path, context, Arc::clone(&kept));
-    let code = arguments.command.as_run().run(&output)?;
+    let code = arguments.command.run(&output)?;
     let document = std::mem::take(&mut *kept.lock().unwrap_or_else(PoisonError::into_inner));
     Ok(Answer { document, code })
 }

@@ -3,6 +3,7 @@
 mod args;
 mod cancel;
 mod capture;
+mod commands;
 mod compare;
 mod completions;
 mod convert;
@@ -43,51 +44,25 @@ mod version;
 mod view;
 mod viewpoint;
 
-use crate::app::compare::CompareSettings;
-use crate::app::convert::ConvertSettings;
-use crate::app::denoise::DenoiseSettings;
-use crate::app::diff::DiffSettings;
-use crate::app::figure::FigureSettings;
-use crate::app::function::FunctionSettings;
-use crate::app::gradient::GradientSettings;
-use crate::app::info::InfoSettings;
-use crate::app::motion::MotionSettings;
-use crate::app::plan::PlanSettings;
-use crate::app::pose::PoseSettings;
-use crate::app::render::{MergeSettings, RenderSettings};
-use crate::app::report::PageSettings;
-use crate::app::selftest::SelftestSettings;
-use crate::app::validate::ValidateSettings;
-use crate::app::viewpoint::ViewpointSettings;
 use crate::error::{Code, Error, Kind, Result};
 use crate::formats::vdb::{self, helper};
 use crate::process;
 use crate::ranks;
 use crate::scratch;
 use crate::wording::speak_as;
-use capture::CaptureCommand;
 use clap::error::ContextKind;
-use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
-use job::OrJob;
+use clap::{Args, FromArgMatches};
 use output::Output;
-use reconstruct::Reconstruct;
 use run::Run;
 use std::ffi::{OsStr, OsString};
 use std::io::Write;
 use std::path::PathBuf;
-use study::Study;
-use usd::UsdCommand;
 
-/// Volumes between OpenVDB, Blender, USD and EXR: inspect, render, compare and reconstruct.
-#[derive(Debug, Parser)]
-#[command(name = "cumulo", version, arg_required_else_help = true, propagate_version = true)]
+/// Words of a command line, read.
 pub struct Arguments {
-    #[command(subcommand)]
-    command: Command,
-    #[command(flatten)]
+    command: Box<dyn Run>,
     global: Global,
     /// Words of the subcommand, such as `reconstruct density`.
-    #[arg(skip)]
     path: String,
 }
 
@@ -112,83 +87,6 @@ pub(crate) struct Global {
     /// Say on standard error how long each stage took, how many threads work, and what was planned
     #[arg(long, short, global = true, conflicts_with = "quiet")]
     pub verbose: bool,
-}
-
-#[derive(Debug, Subcommand)]
-#[allow(clippy::large_enum_variant, reason = "a command line has one")]
-enum Command {
-    #[command(subcommand)]
-    Capture(CaptureCommand),
-    Compare(CompareSettings),
-    Completions(completions::Completions),
-    Info(InfoSettings),
-    Man(man::ManCommand),
-    Merge(MergeSettings),
-    Motion(MotionSettings),
-    Plan(PlanSettings),
-    Validate(ValidateSettings),
-    Convert(Box<ConvertSettings>),
-    Denoise(OrJob<DenoiseSettings>),
-    Diff(DiffSettings),
-    Figure(Box<FigureSettings>),
-    Pose(PoseSettings),
-    Gradient(GradientSettings),
-    Render(OrJob<RenderSettings>),
-    #[command(subcommand)]
-    Reconstruct(Reconstruct),
-    Report(PageSettings),
-    Schema(schema::Schema),
-    Selftest(SelftestSettings),
-    #[command(subcommand)]
-    Study(Study),
-    Transfer(FunctionSettings),
-    #[command(name = crate::formats::vdb::helper::SUBCOMMAND, hide = true)]
-    TryGrid(try_grid::TryGrid),
-    #[command(subcommand)]
-    Usd(UsdCommand),
-    View(view::View),
-    Viewpoint(ViewpointSettings),
-}
-
-impl Command {
-    /// Returns what there is to run.
-    fn as_run(&mut self) -> &mut dyn Run {
-        match self {
-            Self::Capture(CaptureCommand::Convert(s)) => &mut **s,
-            Self::Capture(CaptureCommand::New(s)) => &mut **s,
-            Self::Compare(s) => s,
-            Self::Completions(c) => c,
-            Self::Convert(s) => &mut **s,
-            Self::Denoise(s) => s,
-            Self::Diff(s) => s,
-            Self::Figure(s) => &mut **s,
-            Self::Gradient(s) => s,
-            Self::Info(s) => s,
-            Self::Man(c) => c,
-            Self::Merge(s) => s,
-            Self::Motion(s) => s,
-            Self::Plan(s) => s,
-            Self::Pose(s) => s,
-            Self::Reconstruct(Reconstruct::Color(s)) => &mut **s,
-            Self::Reconstruct(Reconstruct::Density(s)) => &mut **s,
-            Self::Reconstruct(Reconstruct::Tf(s)) => &mut **s,
-            Self::Render(s) => s,
-            Self::Report(s) => s,
-            Self::Schema(c) => c,
-            Self::Selftest(s) => s,
-            Self::Study(Study::Denoise(s)) => &mut **s,
-            Self::Study(Study::Gradient(s)) => &mut **s,
-            Self::Study(Study::Reconstruct(s)) => &mut **s,
-            Self::Study(Study::Render(s)) => &mut **s,
-            Self::Transfer(s) => s,
-            Self::TryGrid(c) => c,
-            Self::Usd(UsdCommand::Author(s)) => &mut **s,
-            Self::Usd(UsdCommand::Lint(s)) => s,
-            Self::Validate(s) => s,
-            Self::View(c) => c,
-            Self::Viewpoint(s) => s,
-        }
-    }
 }
 
 /// Advice to those whose command needs more memory than is allowed.
@@ -235,10 +133,21 @@ fn threads(option: Option<usize>, variable: Option<&OsStr>) -> Result<Option<usi
     }
 }
 
+/// Returns the program's command: options that all commands take, and the commands.
+pub fn parser() -> clap::Command {
+    Global::augment_args(clap::Command::new("cumulo"))
+        .about("Volumes between OpenVDB, Blender, USD and EXR: inspect, render, compare and reconstruct")
+        .long_about(None)
+        .subcommand_required(true)
+        .arg_required_else_help(true)
+        .propagate_version(true)
+        .subcommands(commands::all())
+}
+
 /// Returns the program's command with its help arranged. Of an option that is given twice the last one counts, but for
 /// lists.
 fn command() -> clap::Command {
-    help::arranged(Arguments::command()).version(version::text()).args_override_self(true)
+    help::arranged(parser()).version(version::text()).args_override_self(true)
 }
 
 impl Arguments {
@@ -249,21 +158,10 @@ impl Arguments {
     pub fn read(words: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
         // Manual pages, which are made of the command as well, state no machine.
         let mut matches = command().long_version(version::long()).try_get_matches_from(words)?;
-        let path = path_of(&matches);
-        let arguments = Self::from_arg_matches_mut(&mut matches)?;
-        Ok(Self { path, ..arguments })
+        let global = Global::from_arg_matches_mut(&mut matches)?;
+        let (path, command) = commands::read(&mut matches)?;
+        Ok(Self { command, global, path })
     }
-}
-
-/// Returns the words of the subcommand that was chosen.
-fn path_of(matches: &ArgMatches) -> String {
-    let mut words = Vec::new();
-    let mut at = matches.subcommand();
-    while let Some((name, below)) = at {
-        words.push(name);
-        at = below.subcommand();
-    }
-    words.join(" ")
 }
 
 /// Runs the program on the words of a command line, its own name first, and returns its exit code: 0 success, 1 a check
@@ -380,7 +278,7 @@ fn run(mut arguments: Arguments) -> Result<u8> {
         helper::set_program(program);
     }
     vdb::on_terminate(process::abandon);
-    let command = arguments.command.as_run();
+    let command = &mut arguments.command;
     let memory = command.max_memory()?;
     process::limit_memory(memory, SMALLER);
     let output = Output::new(&arguments.global, &arguments.path);
@@ -462,7 +360,7 @@ mod tests {
     fn mistakes_name_what_is_missing() {
         let told = |words: &[&str]| {
             let words = words.iter().map(OsString::from);
-            mistake(&Arguments::read(words).unwrap_err().render().to_string())
+            mistake(&Arguments::read(words).err().unwrap().render().to_string())
         };
         let missing = told(&["cumulo", "reconstruct", "density"]);
         assert!(missing.contains("required") && missing.contains("--output <OUT.vdb> <CAPTURE>"), "{missing}");

@@ -1,13 +1,14 @@
 //! `cumulo schema`: JSON schemas of the files that Cumulo reads, and of the documents that it writes.
 
-use super::job::Told;
+use super::commands::COMMANDS;
+use super::document;
 use super::output::Output;
 use super::run::Run;
-use super::{document, man};
-use crate::app;
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use schemars::Schema as JsonSchema;
+use std::sync::LazyLock;
 
 /// Print the JSON schema of a kind of file, or of what a command writes with --json
 ///
@@ -16,74 +17,50 @@ use schemars::Schema as JsonSchema;
 #[derive(Debug, clap::Args)]
 pub(crate) struct Schema {
     /// Kind of file, or command with dashes between its words
-    #[arg(value_enum)]
-    kind: Kind,
+    #[arg(value_parser = PossibleValuesParser::new(KINDS.iter().map(Kind::value)))]
+    kind: String,
 }
 
-/// Declares [`Kind`] with a variant for each command, and the schema of each.
-macro_rules! kinds {
-    ($($variant:ident: $command:literal => $report:ty;)*) => {
-        #[derive(Debug, Clone, Copy, clap::ValueEnum)]
-        enum Kind {
-            /// Scene files of `cumulo render`
-            Scene,
-            /// Documents of commands that failed
-            Error,
-            $(#[doc = concat!("Documents of `cumulo ", $command, " --json`")] $variant,)*
-        }
+/// Kind of documents.
+struct Kind {
+    name: String,
+    about: String,
+    schema: Box<dyn Fn() -> JsonSchema + Send + Sync>,
+}
 
-        impl Kind {
-            fn schema(self) -> JsonSchema {
-                match self {
-                    Self::Scene => scene_file::schema(),
-                    Self::Error => document::schema_of_failures("cumulo --json, failed"),
-                    $(Self::$variant => document::schema::<$report>(concat!("cumulo ", $command, " --json")),)*
-                }
-            }
-        }
+impl Kind {
+    fn value(&'static self) -> PossibleValue {
+        PossibleValue::new(self.name.as_str()).help(self.about.as_str())
+    }
+}
 
-        /// Words of the commands that have a schema.
-        #[cfg(test)]
-        const COMMANDS: &[&str] = &[$($command),*];
+/// Scene files, failures, and the documents of each command by its words with dashes between them.
+static KINDS: LazyLock<Vec<Kind>> = LazyLock::new(|| {
+    let of = |name: &str, about: &str, schema: Box<dyn Fn() -> JsonSchema + Send + Sync>| Kind {
+        name: name.replace(' ', "-"),
+        about: about.into(),
+        schema,
     };
-}
-
-kinds! {
-    CaptureConvert: "capture convert" => app::capture::CaptureReport;
-    CaptureNew: "capture new" => app::capture::NewCaptureReport;
-    Compare: "compare" => app::compare::CompareReport;
-    Convert: "convert" => app::convert::ConvertReport;
-    Denoise: "denoise" => Told<app::denoise::DenoiseReport>;
-    Diff: "diff" => app::diff::DiffReport;
-    Figure: "figure" => app::figure::FigureReport;
-    Gradient: "gradient" => app::gradient::GradientReport;
-    Info: "info" => app::info::InfoReport;
-    Man: "man" => man::Report;
-    Merge: "merge" => app::render::MergeReport;
-    Motion: "motion" => app::motion::MotionReport;
-    Plan: "plan" => app::plan::PlanReport;
-    Pose: "pose" => app::pose::PoseReport;
-    ReconstructColor: "reconstruct color" => Told<app::run::Run>;
-    ReconstructDensity: "reconstruct density" => Told<app::run::Run>;
-    ReconstructTf: "reconstruct tf" => Told<app::reconstruct::TransferRun>;
-    Render: "render" => Told<app::render::RenderReport>;
-    Report: "report" => app::report::PageReport;
-    Selftest: "selftest" => app::selftest::SelftestReport;
-    StudyDenoise: "study denoise" => app::study::StudyReport;
-    StudyGradient: "study gradient" => app::study::StudyReport;
-    StudyReconstruct: "study reconstruct" => app::study::StudyReport;
-    StudyRender: "study render" => app::study::StudyReport;
-    Transfer: "transfer" => app::function::FunctionReport;
-    UsdAuthor: "usd author" => app::usd::author::AuthorReport;
-    UsdLint: "usd lint" => app::usd::lint::LintReport;
-    Validate: "validate" => app::validate::ValidateReport;
-    View: "view" => app::view::ViewReport;
-    Viewpoint: "viewpoint" => app::viewpoint::ViewpointReport;
-}
+    let failures = || document::schema_of_failures("cumulo --json, failed");
+    let mut kinds = vec![
+        of("scene", "Scene files of `cumulo render`", Box::new(scene_file::schema)),
+        of("error", "Documents of commands that failed", Box::new(failures)),
+    ];
+    let mut rows: Vec<_> = COMMANDS.iter().filter_map(|row| Some((row.words, row.schema?))).collect();
+    rows.sort_unstable_by_key(|(words, _)| *words);
+    kinds.extend(rows.into_iter().map(|(words, schema)| {
+        let title = format!("cumulo {words} --json");
+        of(words, &format!("Documents of `{title}`"), Box::new(move || schema(&title)))
+    }));
+    kinds
+});
 
 impl Run for Schema {
     fn run(&self, output: &Output) -> Result<u8> {
-        let text = serde_json::to_string_pretty(&self.kind.schema()).map_err(|e| Error::invalid(e.to_string()))?;
+        let kind = KINDS.iter().find(|kind| kind.name == self.kind);
+        // The words of a command line name one.
+        let schema = kind.map_or_else(scene_file::schema, |kind| (kind.schema)());
+        let text = serde_json::to_string_pretty(&schema).map_err(|e| Error::invalid(e.to_string()))?;
         output.plain(&text)?;
         Ok(0)
     }
@@ -93,28 +70,18 @@ impl Run for Schema {
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
-    use clap::{CommandFactory, ValueEnum};
 
-    /// A command that reports has a schema, under its words with dashes between them.
+    /// A command has a schema, under its words with dashes between them, but for those that print a text.
     #[test]
     fn every_command_with_a_report_has_a_schema() {
-        let mut found = Vec::new();
-        let mut left = vec![(String::new(), crate::cli::Arguments::command())];
-        while let Some((path, command)) = left.pop() {
-            let subs = command.get_subcommands().filter(|sub| !sub.is_hide_set() && sub.get_name() != "help");
-            let below: Vec<_> =
-                subs.map(|sub| (format!("{path} {}", sub.get_name()).trim().to_owned(), sub.clone())).collect();
-            match below.is_empty() {
-                true => found.push(path),
-                false => left.extend(below),
-            }
-        }
-        // What these print has a form of its own.
-        found.retain(|path| !["completions", "schema"].contains(&path.as_str()));
-        found.sort();
-        assert_eq!(found, COMMANDS);
-        for (kind, command) in Kind::value_variants()[2..].iter().zip(COMMANDS) {
-            assert_eq!(kind.to_possible_value().unwrap().get_name(), command.replace(' ', "-"));
-        }
+        let without: Vec<&str> = COMMANDS
+            .iter()
+            .filter(|row| row.schema.is_none() && !row.examples.is_empty())
+            .map(|row| row.words)
+            .collect();
+        assert_eq!(without, ["completions", "schema"]);
+        let names: Vec<&str> = KINDS.iter().map(|kind| kind.name.as_str()).collect();
+        assert_eq!(names[..4], ["scene", "error", "capture-convert", "capture-new"]);
+        assert!(names.is_sorted_by(|a, b| a < b || *a == "scene" || *a == "error"));
     }
 }

@@ -2,7 +2,6 @@
 
 use crate::common::replaced::{self, Spelling};
 use crate::common::work::{Work, errors, fixture};
-use clap::CommandFactory;
 use cumulo::prelude::{Code, Context, ConvertSettings, PoseSettings};
 use std::any::TypeId;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
@@ -132,7 +131,7 @@ fn every_option_with_a_path_is_tried_as_an_output() {
     // These write nothing beside what they print, or pages of their own.
     const WITHOUT_OUTPUTS: [&str; 9] =
         ["completions", "diff", "info", "man", "plan", "schema", "study", "try-grid", "validate"];
-    let mut left: Vec<(String, clap::Command)> = vec![(String::new(), cumulo::cli::Arguments::command())];
+    let mut left: Vec<(String, clap::Command)> = vec![(String::new(), cumulo::cli::parser())];
     let mut seen = 0;
     while let Some((path, command)) = left.pop() {
         for sub in command.get_subcommands().filter(|sub| !WITHOUT_OUTPUTS.contains(&sub.get_name())) {

@@ -3,9 +3,9 @@
 //! Both are kept in one place, since most options are shared by several commands: what an option is about does not
 //! depend on the command that has it.
 
-mod examples;
 mod headings;
 
+use super::commands::{COMMANDS, EXAMPLES};
 use clap::Command;
 
 /// Puts the options of a command and of its subcommands under headings, and examples behind them.
@@ -22,7 +22,9 @@ fn within(command: Command, parent: &str) -> Command {
     let path = if command.get_name() == "cumulo" { String::new() } else { format!("{parent}{}", command.get_name()) };
     let own = command.get_after_help().map(|text| format!("{text}\n\n")).unwrap_or_default();
     let mut command = command.mut_args(heading);
-    if let Some(lines) = examples::of(&path) {
+    let row = COMMANDS.iter().find(|row| row.words == path);
+    let lines = if path.is_empty() { EXAMPLES } else { row.map_or(&[][..], |row| row.examples) };
+    if !lines.is_empty() {
         let list: String = lines.iter().map(|line| format!("\n  {line}")).collect();
         command = command.after_help(format!("{own}Examples:{list}"));
     }
@@ -34,7 +36,6 @@ fn within(command: Command, parent: &str) -> Command {
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     /// Visits all commands that do something, with their words.
     fn leaves(command: &Command, parent: &str, visit: &mut dyn FnMut(&Command, &str)) {
@@ -50,7 +51,7 @@ mod tests {
 
     #[test]
     fn every_command_has_examples_and_a_sentence_for_each_option() {
-        let all = arranged(crate::cli::Arguments::command());
+        let all = arranged(crate::cli::parser());
         let mut seen = 0;
         leaves(&all, "", &mut |command, path| {
             seen += 1;
@@ -66,8 +67,8 @@ mod tests {
     /// Examples are commands of the program as it is.
     #[test]
     fn examples_can_be_parsed() {
-        let all = arranged(crate::cli::Arguments::command());
-        for line in examples::all() {
+        let all = arranged(crate::cli::parser());
+        for line in COMMANDS.iter().flat_map(|row| row.examples).chain(EXAMPLES) {
             // A shell takes comments, quotes and redirections away.
             let line = line.split(" #").next().unwrap().split(" >").next().unwrap().replace('\'', "");
             let words = line.split_whitespace().filter(|word| *word != "\\");
@@ -79,7 +80,7 @@ mod tests {
     /// A long list without headings is not read.
     #[test]
     fn long_lists_of_options_have_headings() {
-        let all = arranged(crate::cli::Arguments::command());
+        let all = arranged(crate::cli::parser());
         leaves(&all, "", &mut |command, path| {
             let options: Vec<_> = command.get_arguments().filter(|arg| !arg.is_positional()).collect();
             let under = options.iter().filter(|arg| arg.get_help_heading().is_some()).count();
