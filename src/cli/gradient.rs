@@ -1,18 +1,14 @@
 //! `cumulo gradient`: derivatives of a loss on pictures, parameter by parameter, for checking and teaching.
 
 use super::args::read_as;
-use super::memory::Memory;
+use super::args::single::PageFolder;
+use super::args::subject::GradientSubject;
 use super::parse;
 use super::values::choice;
 use crate::app::gradient::{GradientSettings, LossName, Wrt};
-use crate::app::scan::ScanSettings;
-use crate::app::transfer::TransferSettings;
-use crate::app::up::UpChoice;
 use crate::differentiate::loss::prior::{Prior, Weighted};
 use crate::differentiate::study::ad_mode::Mode;
 use crate::render::differentiable::Adjoint;
-use crate::render::quadrature::{Quadrature, rules};
-use crate::scene::capture::{EmissionModel, Model};
 use std::path::PathBuf;
 
 /// Differentiate a loss on pictures of a volume, and check the derivatives
@@ -23,8 +19,6 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 #[command(group = clap::ArgGroup::new("subject").required(true).args(["target", "views"]))]
 struct GradientArgs {
-    /// VDB, NanoVDB or scan to differentiate at
-    input: PathBuf,
     /// Parameters to differentiate by, one kind or more
     #[arg(long, value_enum, value_delimiter = ',', required = true, value_name = "WHAT,...")]
     wrt: Vec<Wrt>,
@@ -41,48 +35,8 @@ struct GradientArgs {
     /// transfer function; W is the weight, in units of the largest density or extinction
     #[arg(long, value_name = "NAME=W")]
     prior: Vec<Weighted<Prior>>,
-    /// transforms.json of the pictures to compare with, or its folder; cameras and light model are taken from it
-    #[arg(long, value_name = "CAPTURE")]
-    target: Option<PathBuf>,
-    /// Place this many cameras around the volume
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    views: Option<u32>,
-    /// Axis that points upwards, about which --views are placed
-    #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto, conflicts_with = "target")]
-    up: UpChoice,
-    /// Model of the pictures (default: that of --target, emission-absorption with a transfer function or --emission,
-    /// else absorption)
-    #[arg(long, value_parser = choice::<Model>(), conflicts_with = "tf")]
-    model: Option<Model>,
-    /// Size of the pictures of --views in pixels
-    #[arg(long, value_name = "WxH", default_value = "64x64", value_parser = parse::size, conflicts_with = "target")]
-    size: [u32; 2],
-    /// Extinction per world unit at a density of 1 (default: that of --target, else 1)
-    #[arg(long, value_name = "S", value_parser = parse::positive)]
-    density_scale: Option<f64>,
-    /// Radiance behind the volume, r,g,b (default: that of --target, else white for absorption, black for
-    /// emission-absorption)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::color)]
-    background: Option<[f32; 3]>,
-    /// Radiance of the source, r,g,b (default: that of --target, else none)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::color, conflicts_with = "tf")]
-    emission: Option<[f32; 3]>,
-    /// How that radiance follows the density (default: that of --target, else grey: not at all)
-    #[arg(long, value_parser = choice::<EmissionModel>(), conflicts_with = "tf", requires = "emission")]
-    emission_model: Option<EmissionModel>,
     #[command(flatten)]
-    transfer: TransferSettings,
-    #[arg(
-        long,
-        value_name = "Q",
-        default_value = "exact",
-        help = concat!(
-            "Integration along rays: ",
-            rules!(),
-            "; pre-shaded volumes have one of their own",
-        )
-    )]
-    quadrature: Quadrature,
+    subject: GradientSubject,
     /// Forward or backward; auto goes by the number of parameters and the loss
     #[arg(long, value_parser = choice::<Mode>(), default_value = "auto")]
     mode: Mode,
@@ -110,38 +64,18 @@ struct GradientArgs {
     /// Write the derivatives by voxel as a VDB (with --wrt density or emission)
     #[arg(long, short, value_name = "OUT.vdb")]
     output: Option<PathBuf>,
-    /// Make a page of pictures, slices and all that is listed, in this folder
-    #[arg(long, value_name = "DIR")]
-    report: Option<PathBuf>,
-    /// Grid to differentiate at (default: density, else the only scalar one)
-    #[arg(long, value_name = "NAME")]
-    grid: Option<String>,
     #[command(flatten)]
-    scan: ScanSettings,
-    #[command(flatten)]
-    memory: Memory,
+    report: PageFolder,
 }
 
 impl From<GradientArgs> for GradientSettings {
     fn from(args: GradientArgs) -> Self {
         Self {
-            input: args.input,
             wrt: args.wrt,
             loss: args.loss,
             huber_delta: args.huber_delta,
             transmittance_floor: args.transmittance_floor,
             prior: args.prior,
-            target: args.target,
-            views: args.views,
-            up: args.up,
-            model: args.model,
-            size: args.size,
-            density_scale: args.density_scale,
-            background: args.background,
-            emission: args.emission,
-            emission_model: args.emission_model,
-            transfer: args.transfer,
-            quadrature: args.quadrature,
             mode: args.mode,
             adjoint: args.adjoint,
             check: args.check,
@@ -151,10 +85,8 @@ impl From<GradientArgs> for GradientSettings {
             samples: args.samples,
             seed: args.seed,
             output: args.output,
-            report: args.report,
-            grid: args.grid,
-            scan: args.scan,
-            limits: args.memory.limits(),
+            report: args.report.into(),
+            ..args.subject.into()
         }
     }
 }

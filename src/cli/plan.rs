@@ -1,10 +1,11 @@
 //! `cumulo plan`: which effects of a scene are simulated, at what cost, and what is left out; or what a reconstruction
 //! will take.
 
+use super::args::density::DensityCost;
 use super::args::read_as;
+use super::args::single::Layer;
 use crate::app::pictures::PictureSettings;
 use crate::app::plan::PlanSettings;
-use crate::app::reconstruct::density::Choice;
 use crate::app::reconstruct::{CapturePlanSettings, RegionSettings, ScalingSettings};
 use crate::cli::parse;
 
@@ -35,21 +36,10 @@ struct PlanArgs {
 struct CapturePlanArgs {
     #[command(flatten)]
     region: RegionSettings,
-    /// How the densities of a capture are to be found
-    #[arg(long, value_enum, default_value_t = Choice::Auto)]
-    solver: Choice,
-    /// Number of views of a capture to hold out (default: one of 8 or more)
-    #[arg(long, value_name = "K")]
-    held_out: Option<usize>,
-    /// Iterations on the finest level, at most (default: 24, or 40 where the pictures have noise)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    iterations: Option<u32>,
-    /// Blur passes of the smoothness prior (default: as many as suit the held-out views)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
-    smoothing: Option<u32>,
-    /// Layer of the pictures of a capture (default: the beauty)
-    #[arg(long, value_name = "NAME")]
-    layer: Option<String>,
+    #[command(flatten)]
+    cost: DensityCost,
+    #[command(flatten)]
+    layer: Layer,
     /// Numbers of machines like this one on which cumulo-mpi reconstructs a capture [default: 1,2,4 ... 1024]
     #[arg(long, value_name = "N,M", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_536))]
     machines: Vec<u32>,
@@ -69,11 +59,11 @@ impl From<CapturePlanArgs> for CapturePlanSettings {
         let CapturePlanArgs { machines, network_bandwidth: bandwidth, latency, delay, .. } = args;
         Self {
             region: args.region,
-            solver: args.solver,
-            held_out: args.held_out,
-            iterations: args.iterations,
-            smoothing: args.smoothing,
-            layer: args.layer,
+            solver: args.cost.solver,
+            held_out: args.cost.held_out.into(),
+            iterations: args.cost.iterations,
+            smoothing: args.cost.smoothing,
+            layer: args.layer.into(),
             scaling: ScalingSettings { machines, bandwidth, latency, delay },
         }
     }

@@ -1,6 +1,7 @@
 //! `cumulo pose`: cameras that agree with their pictures.
 
 use super::args::read_as;
+use super::args::single::{Layer, PageFolder, Resume, ScalarGrid};
 use super::memory::Memory;
 use crate::app::pose::PoseSettings;
 use crate::app::transfer::TransferSettings;
@@ -12,7 +13,7 @@ use std::path::PathBuf;
 /// Cameras of the capture are where the search begins: a few degrees and a few percent of the distance off. Position
 /// and rotation of each are moved until what it sees of the volume is its picture. A camera that finds no such place
 /// nearby is named, and stays where it was if the search went far. Where the capture's model is pre-shaded, the volume
-/// needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit code 1); --resume goes on from it.
+/// needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit code 130); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 struct PoseArgs {
     /// transforms.json of the pictures, a model of COLMAP, or the folder of either
@@ -43,21 +44,17 @@ struct PoseArgs {
         )
     )]
     quadrature: Option<Quadrature>,
-    /// Layer of the pictures (default: the beauty)
-    #[arg(long, value_name = "NAME")]
-    layer: Option<String>,
-    /// Grid of the volume (default: density, else the only scalar one)
-    #[arg(long, value_name = "NAME")]
-    grid: Option<String>,
-    /// Write a page that shows how it went
-    #[arg(long, value_name = "DIR")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    layer: Layer,
+    #[command(flatten)]
+    grid: ScalarGrid,
+    #[command(flatten)]
+    report: PageFolder,
     /// Begin with the cameras of this capture of the same pictures, whatever made it
     #[arg(long, value_name = "IN.json")]
     init: Option<PathBuf>,
-    /// Go on from the cameras of the output, if the same command has left them, however far it went
-    #[arg(long, conflicts_with = "init")]
-    resume: bool,
+    #[command(flatten)]
+    resume: Resume,
     #[command(flatten)]
     memory: Memory,
 }
@@ -72,11 +69,11 @@ impl From<PoseArgs> for PoseSettings {
             solve_focal: args.solve_focal,
             iterations: args.iterations,
             quadrature: args.quadrature,
-            layer: args.layer,
-            grid: args.grid,
-            report: args.report,
+            layer: args.layer.into(),
+            grid: args.grid.into(),
+            report: args.report.into(),
             init: args.init,
-            resume: args.resume,
+            resume: args.resume.into(),
             limits: args.memory.limits(),
         }
     }

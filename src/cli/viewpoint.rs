@@ -1,6 +1,7 @@
 //! `cumulo viewpoint`: the viewpoints from which a volume shows most.
 
 use super::args::read_as;
+use super::args::single::{PageFolder, Resume, ScalarGrid};
 use super::memory::Memory;
 use super::parse;
 use crate::app::pictures::DensityScale;
@@ -69,20 +70,17 @@ struct ViewpointArgs {
         )
     )]
     quadrature: Option<Quadrature>,
-    /// Grid to look at (default: density, else the only scalar one)
-    #[arg(long, value_name = "NAME")]
-    grid: Option<String>,
+    #[command(flatten)]
+    grid: ScalarGrid,
     #[command(flatten)]
     scan: ScanSettings,
     /// Start from the viewpoints of this capture as well, whatever made it
     #[arg(long, value_name = "IN.json")]
     init: Option<PathBuf>,
-    /// Start from the viewpoints of the output as well, if the same command has left them, however far it went
-    #[arg(long, conflicts_with = "init")]
-    resume: bool,
-    /// Write a page that shows the search
-    #[arg(long, value_name = "DIR")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    resume: Resume,
+    #[command(flatten)]
+    report: PageFolder,
     #[command(flatten)]
     memory: Memory,
 }
@@ -105,11 +103,11 @@ impl From<ViewpointArgs> for ViewpointSettings {
             background: args.background,
             transfer: args.transfer,
             quadrature: args.quadrature,
-            grid: args.grid,
+            grid: args.grid.into(),
             scan: args.scan,
             init: args.init,
-            resume: args.resume,
-            report: args.report,
+            resume: args.resume.into(),
+            report: args.report.into(),
             limits: args.memory.limits(),
         }
     }

@@ -3,6 +3,7 @@
 pub(crate) mod accuracy;
 pub(crate) mod aim;
 pub(crate) mod blur;
+pub(crate) mod density;
 pub(crate) mod frames;
 pub(crate) mod holdout;
 pub(crate) mod pictures;
@@ -10,6 +11,8 @@ pub(crate) mod refinement;
 pub(crate) mod region;
 pub(crate) mod scan;
 pub(crate) mod scattering;
+pub(crate) mod single;
+pub(crate) mod subject;
 pub(crate) mod transfer;
 
 /// Has settings read from the command line as `$args` are, which they are made from.

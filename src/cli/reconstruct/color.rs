@@ -2,6 +2,7 @@
 
 use crate::app::reconstruct::{ColorSettings, RegionSettings};
 use crate::cli::args::read_as;
+use crate::cli::args::single::{HeldOut, Layer, PageFolder, Resume};
 use crate::cli::memory::Memory;
 use std::path::PathBuf;
 
@@ -20,27 +21,23 @@ struct ColorArgs {
     output: PathBuf,
     #[command(flatten)]
     region: RegionSettings,
-    /// Number of views to hold out: these are not fitted, but decide when to stop (default: one of 8 or more)
-    #[arg(long, value_name = "K")]
-    held_out: Option<usize>,
+    #[command(flatten)]
+    held_out: HeldOut,
     /// Iterations of the extinctions on the finest level, at most
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
     /// Blur passes of the smoothness prior (default: as many as suit the held-out views and the pictures' noise)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     smoothing: Option<u32>,
-    /// Layer of the pictures (default: the beauty)
-    #[arg(long, value_name = "NAME")]
-    layer: Option<String>,
-    /// Write a page that shows how it went
-    #[arg(long, value_name = "DIR")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    layer: Layer,
+    #[command(flatten)]
+    report: PageFolder,
     /// Start from this pre-shaded volume, whatever made it
     #[arg(long, value_name = "IN.vdb")]
     init: Option<PathBuf>,
-    /// Go on from the output, if the same command has left one, however far it went
-    #[arg(long, conflicts_with = "init")]
-    resume: bool,
+    #[command(flatten)]
+    resume: Resume,
     #[command(flatten)]
     memory: Memory,
 }
@@ -51,13 +48,13 @@ impl From<ColorArgs> for ColorSettings {
             capture: args.capture,
             output: args.output,
             region: args.region,
-            held_out: args.held_out,
+            held_out: args.held_out.into(),
             iterations: args.iterations,
             smoothing: args.smoothing,
-            layer: args.layer,
-            report: args.report,
+            layer: args.layer.into(),
+            report: args.report.into(),
             init: args.init,
-            resume: args.resume,
+            resume: args.resume.into(),
             limits: args.memory.limits(),
         }
     }

@@ -1,9 +1,11 @@
 //! `cumulo reconstruct density`: a VDB from absorption or emission-absorption pictures.
 
-use crate::app::reconstruct::density::{Choice, Loss};
+use crate::app::reconstruct::density::Loss;
 use crate::app::reconstruct::{DensitySettings, RefinementSettings, RegionSettings};
 use crate::app::transfer::TransferSettings;
+use crate::cli::args::density::DensityCost;
 use crate::cli::args::read_as;
+use crate::cli::args::single::{Layer, PageFolder, Resume};
 use crate::cli::memory::Memory;
 use crate::cli::parse;
 use crate::differentiate::loss::prior::{VolumePrior, Weighted};
@@ -29,21 +31,8 @@ struct DensityArgs {
     /// Start from this volume, whatever made it
     #[arg(long, value_name = "IN.vdb")]
     init: Option<PathBuf>,
-    /// How the densities are found: auto is cg where the pictures depend on the optical depth alone, colors first
-    /// where there is a transfer function, else weiss2021
-    #[arg(long, value_enum, default_value_t = Choice::Auto)]
-    solver: Choice,
-    /// Number of views to hold out: these are not fitted, but decide when to stop (default: one of 8 or more)
-    #[arg(long, value_name = "K")]
-    held_out: Option<usize>,
-    /// Iterations on the finest level, at most (default: 24, or 40 where the pictures have noise; with a transfer
-    /// function, or weiss2021: 50 epochs)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    iterations: Option<u32>,
-    /// Blur passes of the smoothness prior (default: as many as suit the held-out views, without these 1; where the
-    /// pictures have noise, differences of neighbours are penalised instead, as suits these views)
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
-    smoothing: Option<u32>,
+    #[command(flatten)]
+    cost: DensityCost,
     /// Prior on neighbouring voxels of a descent (through a transfer function, or weiss2021): smooth=W, or tv=W for
     /// total variation, W the weight in units of the range of densities (default: smooth=0.001, weiss2021 smooth=0.5)
     #[arg(long, value_name = "NAME=W")]
@@ -51,18 +40,15 @@ struct DensityArgs {
     /// Loss that cg minimises: huber bounds the influence of outliers, l2 is plain least squares
     #[arg(long, value_enum, default_value_t = Loss::Huber)]
     loss: Loss,
-    /// Layer of the pictures (default: the beauty)
-    #[arg(long, value_name = "NAME")]
-    layer: Option<String>,
+    #[command(flatten)]
+    layer: Layer,
     /// Name of the grid
     #[arg(long, value_name = "NAME", default_value = "density")]
     grid: String,
-    /// Write a page that shows how it went
-    #[arg(long, value_name = "DIR")]
-    report: Option<PathBuf>,
-    /// Go on from the output, if the same command has left one, however far it went
-    #[arg(long, conflicts_with = "init")]
-    resume: bool,
+    #[command(flatten)]
+    report: PageFolder,
+    #[command(flatten)]
+    resume: Resume,
     /// Write what is there to the output every D, such as 10m, from which --resume goes on should the work end before
     /// its time
     #[arg(long, value_name = "D", value_parser = parse::duration)]
@@ -80,16 +66,16 @@ impl From<DensityArgs> for DensitySettings {
             refinement: args.refinement,
             transfer: args.transfer,
             init: args.init,
-            solver: args.solver,
-            held_out: args.held_out,
-            iterations: args.iterations,
-            smoothing: args.smoothing,
+            solver: args.cost.solver,
+            held_out: args.cost.held_out.into(),
+            iterations: args.cost.iterations,
+            smoothing: args.cost.smoothing,
             prior: args.prior,
             loss: args.loss,
-            layer: args.layer,
+            layer: args.layer.into(),
             grid: args.grid,
-            report: args.report,
-            resume: args.resume,
+            report: args.report.into(),
+            resume: args.resume.into(),
             checkpoint: args.checkpoint,
             limits: args.memory.limits(),
         }

@@ -3,6 +3,7 @@
 use crate::app::reconstruct::TransferFunctionSettings;
 use crate::app::reconstruct::transfer::Choice;
 use crate::cli::args::read_as;
+use crate::cli::args::single::{Layer, PageFolder, Resume, ScalarGrid};
 use crate::cli::memory::Memory;
 use crate::cli::parse;
 use crate::render::quadrature::{Quadrature, rules};
@@ -59,18 +60,14 @@ struct TransferFunctionArgs {
     /// Start from this transfer function, whatever made it
     #[arg(long, value_name = "FILE")]
     init: Option<PathBuf>,
-    /// Go on from the output, if the same command has left one, however far it went
-    #[arg(long, conflicts_with = "init")]
-    resume: bool,
-    /// Grid of the volume (default: density, else the only scalar one)
-    #[arg(long, value_name = "NAME")]
-    grid: Option<String>,
-    /// Layer of the pictures (default: the only one)
-    #[arg(long, value_name = "NAME")]
-    layer: Option<String>,
-    /// Write an HTML page with the result to this folder
-    #[arg(long, value_name = "DIR")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    resume: Resume,
+    #[command(flatten)]
+    grid: ScalarGrid,
+    #[command(flatten)]
+    layer: Layer,
+    #[command(flatten)]
+    report: PageFolder,
     #[command(flatten)]
     memory: Memory,
 }
@@ -90,10 +87,10 @@ impl From<TransferFunctionArgs> for TransferFunctionSettings {
             iterations: args.iterations,
             quadrature: args.quadrature,
             init: args.init,
-            resume: args.resume,
-            grid: args.grid,
-            layer: args.layer,
-            report: args.report,
+            resume: args.resume.into(),
+            grid: args.grid.into(),
+            layer: args.layer.into(),
+            report: args.report.into(),
             limits: args.memory.limits(),
         }
     }
