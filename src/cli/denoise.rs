@@ -1,6 +1,7 @@
 //! `cumulo denoise`: noisy pictures, of sequences in time.
 
 use super::args::read_as;
+use super::args::single::Overwrite;
 use super::memory::Memory;
 use crate::app::denoise::{Cuts, DenoiseSettings, Direction, Filter, Guide, Motion};
 use crate::denoise::Settings;
@@ -65,9 +66,8 @@ struct DenoiseArgs {
     /// changes of the frames around, of which a frame learns, do not count
     #[arg(long)]
     resume: bool,
-    /// Replace pictures that other settings made
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Frames at which another shot begins: auto finds them, none has none
     #[arg(long, value_enum, default_value_t)]
     cuts: Cuts,
@@ -109,7 +109,7 @@ impl From<DenoiseArgs> for DenoiseSettings {
             chunk: args.chunk,
             overlap: args.overlap,
             resume: args.resume,
-            overwrite: args.overwrite,
+            overwrite: args.overwrite.into(),
             cuts: args.cuts,
             published: Settings { history, bandwidth, forgetting, spread, likeness },
             limits: args.memory.limits(),

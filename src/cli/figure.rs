@@ -1,6 +1,7 @@
 //! `cumulo figure`: pictures with labels, scale bars, marks of the axes and a legend.
 
 use super::args::read_as;
+use super::args::single::Overwrite;
 use super::memory::Memory;
 use super::parse;
 use super::values::choice;
@@ -86,9 +87,8 @@ struct FigureArgs {
     /// of the picture's name (default: the camera that the picture states)
     #[arg(long, value_name = "CAPTURE[#VIEW],...", value_delimiter = ',', value_parser = camera)]
     camera: Vec<CameraOf>,
-    /// Replace a figure that other settings made
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
     #[command(flatten)]
     memory: Memory,
 }
@@ -134,7 +134,7 @@ impl From<FigureArgs> for FigureSettings {
             distance: args.distance,
             orientation: args.orientation,
             camera: args.camera,
-            overwrite: args.overwrite,
+            overwrite: args.overwrite.into(),
             limits: args.memory.limits(),
         }
     }

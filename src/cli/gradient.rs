@@ -1,11 +1,13 @@
 //! `cumulo gradient`: derivatives of a loss on pictures, parameter by parameter, for checking and teaching.
 
 use super::args::read_as;
-use super::args::single::PageFolder;
+use super::args::single::{PageFolder, ScalarGrid};
 use super::args::subject::GradientSubject;
+use super::memory::Memory;
 use super::parse;
 use super::values::choice;
 use crate::app::gradient::{GradientSettings, LossName, Wrt};
+use crate::app::scan::ScanSettings;
 use crate::differentiate::loss::prior::{Prior, Weighted};
 use crate::differentiate::study::ad_mode::Mode;
 use crate::render::differentiable::Adjoint;
@@ -66,6 +68,12 @@ struct GradientArgs {
     output: Option<PathBuf>,
     #[command(flatten)]
     report: PageFolder,
+    #[command(flatten)]
+    grid: ScalarGrid,
+    #[command(flatten)]
+    scan: ScanSettings,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 impl From<GradientArgs> for GradientSettings {
@@ -86,6 +94,9 @@ impl From<GradientArgs> for GradientSettings {
             seed: args.seed,
             output: args.output,
             report: args.report.into(),
+            grid: args.grid.into(),
+            scan: args.scan,
+            limits: args.memory.limits(),
             ..args.subject.into()
         }
     }

@@ -1,6 +1,7 @@
 //! `cumulo merge`: pictures of one scene joined.
 
 use super::args::read_as;
+use super::args::single::{Confidence, Overwrite};
 use super::memory::Memory;
 use super::parse;
 use crate::app::render::MergeSettings;
@@ -23,16 +24,14 @@ struct MergeArgs {
     /// OpenEXR of the joined picture
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Replace the output, whoever made it
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Error that each block is to have at most, by the scale: where one is known to have more, the exit code is 1, and
     /// the report says which replicates are missing
     #[arg(long, value_name = "E", value_parser = parse::positive)]
     target_error: Option<f64>,
-    /// Probability with which the truth is within the stated error of a block
-    #[arg(long = "confidence", value_name = "C", default_value_t = 0.95, value_parser = parse::probability)]
-    confidence_level: f64,
+    #[command(flatten)]
+    confidence: Confidence,
     #[command(flatten)]
     memory: Memory,
 }
@@ -42,9 +41,9 @@ impl From<MergeArgs> for MergeSettings {
         Self {
             inputs: args.inputs,
             output: args.output,
-            overwrite: args.overwrite,
+            overwrite: args.overwrite.into(),
             target_error: args.target_error,
-            confidence: args.confidence_level,
+            confidence: args.confidence.into(),
             limits: args.memory.limits(),
         }
     }

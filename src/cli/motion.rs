@@ -1,6 +1,8 @@
 //! `cumulo motion`: how what pictures of a volume show moves from frame to frame.
 
 use super::args::read_as;
+use super::args::single::{Overwrite, ScalarGrid};
+use super::args::velocity::Velocity;
 use super::memory::Memory;
 use super::parse;
 use crate::app::motion::{MotionFormat, MotionSettings, SAMPLES};
@@ -28,9 +30,8 @@ struct MotionArgs {
     /// Frames: A, A-B or A-BxSTEP (default: those of the cameras, else of the volumes)
     #[arg(long, value_name = "A-B")]
     frames: Option<Frames>,
-    /// Grid that pictures show (default: density, else the only scalar one)
-    #[arg(long, value_name = "NAME")]
-    grid: Option<String>,
+    #[command(flatten)]
+    grid: ScalarGrid,
     #[command(flatten)]
     scan: ScanSettings,
     /// Extinction per world unit at a density of 1 (default: that of the cameras' capture)
@@ -38,18 +39,13 @@ struct MotionArgs {
     density_scale: Option<f64>,
     #[command(flatten)]
     transfer: TransferSettings,
-    /// Grid of the volume's velocities in world units per second
-    #[arg(long, value_name = "GRID")]
-    velocity: Option<String>,
-    /// Frames per second; 1 for velocities in world units per frame
-    #[arg(long, value_name = "F", default_value_t = 24.0, value_parser = parse::positive, requires = "velocity")]
-    fps: f64,
+    #[command(flatten)]
+    velocity: Velocity,
     /// Layers of the motion
     #[arg(long, value_enum, default_value_t)]
     format: MotionFormat,
-    /// Replace pictures that other settings made
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Rays per pixel
     #[arg(
         long,
@@ -69,14 +65,14 @@ impl From<MotionArgs> for MotionSettings {
             cameras: args.cameras,
             output: args.output,
             frames: args.frames,
-            grid: args.grid,
+            grid: args.grid.into(),
             scan: args.scan,
             density_scale: args.density_scale,
             transfer: args.transfer,
-            velocity: args.velocity,
-            fps: args.fps,
+            velocity: args.velocity.velocity,
+            fps: args.velocity.fps,
             format: args.format,
-            overwrite: args.overwrite,
+            overwrite: args.overwrite.into(),
             samples: args.samples,
             limits: args.memory.limits(),
         }

@@ -1,6 +1,8 @@
 //! `cumulo render`: pictures of a volume from many sides, as a capture.
 
 use super::args::read_as;
+use super::args::single::Overwrite;
+use super::args::velocity::Velocity;
 use super::parse;
 use super::values::choice;
 use crate::app::pictures::PictureSettings;
@@ -21,9 +23,8 @@ struct RenderArgs {
     /// name.png. Runs of the same settings with other --frames add to one folder, at once or one after the other
     #[arg(long, short, value_name = "DIR|FILE")]
     output: PathBuf,
-    /// Replace a capture in the folder, whoever made it (one of the same settings is replaced without)
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Write a PNG beside each EXR: radiance times 2^EXPOSURE, clipped to 0..1, sRGB
     #[arg(long)]
     png: bool,
@@ -66,12 +67,8 @@ struct RenderArgs {
     /// Planes to write beside RGBA, one or more
     #[arg(long, value_parser = choice::<Aov>(), value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
-    /// Grid of the volume's velocities in world units per second, for --aov motion and --shutter
-    #[arg(long, value_name = "GRID")]
-    velocity: Option<String>,
-    /// Frames per second; 1 for velocities in world units per frame
-    #[arg(long, value_name = "F", default_value_t = 24.0, value_parser = parse::positive, requires = "velocity")]
-    fps: f64,
+    #[command(flatten)]
+    velocity: Velocity,
     #[command(flatten)]
     blur: BlurSettings,
     /// Write deep EXRs, whose pixels keep at which depths their light comes from, for compositing with other elements:
@@ -92,7 +89,7 @@ impl From<RenderArgs> for RenderSettings {
     fn from(args: RenderArgs) -> Self {
         Self {
             output: args.output,
-            overwrite: args.overwrite,
+            overwrite: args.overwrite.into(),
             png: args.png,
             half: args.half,
             compression: args.compression,
@@ -103,8 +100,8 @@ impl From<RenderArgs> for RenderSettings {
             resume: args.resume,
             denoise: args.denoise,
             aov: args.aov,
-            velocity: args.velocity,
-            fps: args.fps,
+            velocity: args.velocity.velocity,
+            fps: args.velocity.fps,
             blur: args.blur,
             deep: args.deep,
             holdout: args.holdout,

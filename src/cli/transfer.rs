@@ -1,6 +1,7 @@
 //! `cumulo transfer`: transfer functions, or volumes that want one, in, `.tf.json` out.
 
 use super::args::read_as;
+use super::args::single::ScalarGrid;
 use super::memory::Memory;
 use super::parse::{ascending, positive};
 use crate::app::function::FunctionSettings;
@@ -14,6 +15,7 @@ use std::path::PathBuf;
 /// presets are there by name: see --list. --suggest finds the boundaries between a volume's materials by its histogram
 /// and gradients (Kindlmann and Durkin), and makes functions that show them, in the data's own units.
 #[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("suggested").args(["grid"]).requires("suggest"))]
 struct FunctionArgs {
     /// Transfer function to read: a file, or a name such as viridis or ct-bone
     #[arg(required_unless_present_any = ["list", "suggest"])]
@@ -34,9 +36,8 @@ struct FunctionArgs {
     /// Draw a sheet of all suggested functions to this PNG
     #[arg(long, value_name = "PNG", requires = "suggest")]
     sheet: Option<PathBuf>,
-    /// Grid of a VDB to suggest functions for (default: density, else the only scalar one)
-    #[arg(long, value_name = "NAME", requires = "suggest")]
-    grid: Option<String>,
+    #[command(flatten)]
+    grid: ScalarGrid,
     #[command(flatten)]
     scan: ScanSettings,
     /// Write it to this .tf.json
@@ -66,7 +67,7 @@ impl From<FunctionArgs> for FunctionSettings {
             suggest: args.suggest,
             candidate: args.candidate,
             sheet: args.sheet,
-            grid: args.grid,
+            grid: args.grid.into(),
             scan: args.scan,
             output: args.output,
             preset: args.preset,

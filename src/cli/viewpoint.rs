@@ -1,7 +1,7 @@
 //! `cumulo viewpoint`: the viewpoints from which a volume shows most.
 
 use super::args::read_as;
-use super::args::single::{PageFolder, Resume, ScalarGrid};
+use super::args::single::{Integration, Overwrite, PageFolder, Resume, ScalarGrid};
 use super::memory::Memory;
 use super::parse;
 use crate::app::pictures::DensityScale;
@@ -9,7 +9,6 @@ use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
 use crate::app::viewpoint::ViewpointSettings;
-use crate::render::quadrature::{Quadrature, rules};
 use std::path::PathBuf;
 
 /// Find the viewpoints from which a volume shows most
@@ -27,9 +26,8 @@ struct ViewpointArgs {
     /// Render the cameras' pictures into this folder (default: cameras alone)
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
-    /// Replace a capture that another command wrote, and pictures in their folder that no earlier run wrote
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Number of viewpoints to start from: the search begins at the best of each and a dozen about it, on small
     /// pictures
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
@@ -60,16 +58,8 @@ struct ViewpointArgs {
     background: Option<[f32; 3]>,
     #[command(flatten)]
     transfer: TransferSettings,
-    #[arg(
-        long,
-        value_name = "Q",
-        help = concat!(
-            "Integration along rays: ",
-            rules!(),
-            "; by default exact, and preintegrated through functions of more than 32 points",
-        )
-    )]
-    quadrature: Option<Quadrature>,
+    #[command(flatten)]
+    quadrature: Integration,
     #[command(flatten)]
     grid: ScalarGrid,
     #[command(flatten)]
@@ -91,7 +81,7 @@ impl From<ViewpointArgs> for ViewpointSettings {
             input: args.input,
             output: args.output,
             pictures: args.pictures,
-            overwrite: args.overwrite,
+            overwrite: args.overwrite.into(),
             starts: args.starts,
             iterations: args.iterations,
             hemisphere: args.hemisphere,
@@ -102,7 +92,7 @@ impl From<ViewpointArgs> for ViewpointSettings {
             density_scale: args.density_scale,
             background: args.background,
             transfer: args.transfer,
-            quadrature: args.quadrature,
+            quadrature: args.quadrature.into(),
             grid: args.grid.into(),
             scan: args.scan,
             init: args.init,

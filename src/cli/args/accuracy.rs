@@ -1,6 +1,7 @@
 //! Options of the error of pictures, and of the time that they may take.
 
 use super::read_as;
+use super::single::Confidence;
 use crate::app::render::AccuracySettings;
 use crate::cli::parse;
 
@@ -20,15 +21,14 @@ struct AccuracyArgs {
     /// some of them, and `cumulo merge` joins what they render. They are numbered from 0
     #[arg(long, value_name = "A-B", value_parser = parse::range, conflicts_with_all = ["time_limit", "target_error"])]
     replicates: Option<[u32; 2]>,
-    /// Probability with which the truth is within the stated error of a block
-    #[arg(long = "confidence", value_name = "C", default_value_t = 0.95, value_parser = parse::probability)]
-    confidence_level: f64,
+    #[command(flatten)]
+    confidence: Confidence,
 }
 
 impl From<AccuracyArgs> for AccuracySettings {
     fn from(args: AccuracyArgs) -> Self {
-        let AccuracyArgs { target_error, time_limit: time, replicates, confidence_level: confidence } = args;
-        Self { target_error, time, replicates, confidence }
+        let AccuracyArgs { target_error, time_limit: time, replicates, confidence } = args;
+        Self { target_error, time, replicates, confidence: confidence.into() }
     }
 }
 

@@ -6,6 +6,7 @@ pub(crate) mod blur;
 pub(crate) mod density;
 pub(crate) mod frames;
 pub(crate) mod holdout;
+pub(crate) mod lights;
 pub(crate) mod pictures;
 pub(crate) mod refinement;
 pub(crate) mod region;
@@ -14,6 +15,7 @@ pub(crate) mod scattering;
 pub(crate) mod single;
 pub(crate) mod subject;
 pub(crate) mod transfer;
+pub(crate) mod velocity;
 
 /// Has settings read from the command line as `$args` are, which they are made from.
 macro_rules! read_as {
@@ -45,3 +47,91 @@ macro_rules! read_as {
     };
 }
 pub(in crate::cli) use read_as;
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use crate::app::capture::{CaptureSettings, NewCaptureSettings};
+    use crate::app::compare::CompareSettings;
+    use crate::app::convert::ConvertSettings;
+    use crate::app::denoise::DenoiseSettings;
+    use crate::app::diff::DiffSettings;
+    use crate::app::figure::FigureSettings;
+    use crate::app::function::FunctionSettings;
+    use crate::app::gradient::GradientSettings;
+    use crate::app::info::InfoSettings;
+    use crate::app::motion::MotionSettings;
+    use crate::app::plan::PlanSettings;
+    use crate::app::pose::PoseSettings;
+    use crate::app::reconstruct::{ColorSettings, DensitySettings, TransferFunctionSettings};
+    use crate::app::render::{MergeSettings, RenderSettings};
+    use crate::app::report::PageSettings;
+    use crate::app::selftest::SelftestSettings;
+    use crate::app::study::denoise::DenoiseStudySettings;
+    use crate::app::study::gradient::GradientStudySettings;
+    use crate::app::study::reconstruct::ReconstructStudySettings;
+    use crate::app::study::render::RenderStudySettings;
+    use crate::app::usd::author::AuthorSettings;
+    use crate::app::usd::lint::LintSettings;
+    use crate::app::validate::ValidateSettings;
+    use crate::app::viewpoint::ViewpointSettings;
+    use serde::Serialize;
+    use serde_json::Value;
+
+    /// Returns the settings, of those in groups with the group's name, whose values are not the same.
+    fn differing(a: &Value, b: &Value) -> Vec<String> {
+        let (Value::Object(a), Value::Object(b)) = (a, b) else { return Vec::new() };
+        let names = a.keys().chain(b.keys().filter(|name| !a.contains_key(*name)));
+        let within = |name: &String| match (a.get(name), b.get(name)) {
+            (Some(a), Some(b)) if a == b => Vec::new(),
+            (Some(a @ Value::Object(_)), Some(b @ Value::Object(_))) => {
+                differing(a, b).iter().map(|below| format!("{name}.{below}")).collect()
+            }
+            _ => vec![name.clone()],
+        };
+        names.flat_map(within).collect()
+    }
+
+    /// Returns the settings whose values are not the defaults after these words.
+    fn changed<S: clap::Args + Default + Serialize>(words: &str) -> String {
+        let command = S::augment_args(clap::Command::new("cumulo"));
+        let matches = command.try_get_matches_from(["cumulo"].into_iter().chain(words.split(' '))).unwrap();
+        let read = serde_json::to_value(S::from_arg_matches(&matches).unwrap()).unwrap();
+        let mut names = differing(&read, &serde_json::to_value(S::default()).unwrap());
+        names.sort();
+        names.join(" ")
+    }
+
+    /// Defaults stand in the options and in the settings: a program that leaves one out gets that of the command line.
+    #[test]
+    fn options_and_settings_have_the_same_defaults() {
+        assert_eq!(changed::<AuthorSettings>("a.vdb -o b.usda"), "input output");
+        assert_eq!(changed::<CaptureSettings>("a -o b"), "input output");
+        assert_eq!(changed::<ColorSettings>("a -o b.vdb"), "capture output");
+        assert_eq!(changed::<CompareSettings>("a.exr b.exr"), "a b");
+        assert_eq!(changed::<ConvertSettings>("a.vdb b.vdb"), "input output");
+        assert_eq!(changed::<DenoiseSettings>("a.exr -o b.exr"), "input output");
+        assert_eq!(changed::<DenoiseStudySettings>("a.exr --reference b.exr -o c"), "inputs output reference");
+        assert_eq!(changed::<DensitySettings>("a -o b.vdb"), "capture output");
+        assert_eq!(changed::<DiffSettings>("a.vdb b.vdb"), "a b");
+        assert_eq!(changed::<FigureSettings>("a.exr -o b.svg"), "inputs output");
+        assert_eq!(changed::<FunctionSettings>("viridis"), "input");
+        assert_eq!(changed::<GradientSettings>("a.vdb --wrt density --loss l2 --views 1"), "input loss views wrt");
+        assert_eq!(changed::<GradientStudySettings>("a.vdb -o b"), "gradient.input gradient.wrt output");
+        assert_eq!(changed::<InfoSettings>("a.vdb"), "files");
+        assert_eq!(changed::<LintSettings>("a.usda"), "stages");
+        assert_eq!(changed::<MergeSettings>("a.exr -o b.exr"), "inputs output");
+        assert_eq!(changed::<MotionSettings>("a.vdb --cameras b -o c.exr"), "cameras input output");
+        assert_eq!(changed::<NewCaptureSettings>("a.vdb -o b.json"), "input output");
+        assert_eq!(changed::<PageSettings>("a"), "folder");
+        assert_eq!(changed::<PlanSettings>("a.vdb"), "input");
+        assert_eq!(changed::<PoseSettings>("a --volume b.vdb -o c.json"), "capture output volume");
+        assert_eq!(changed::<ReconstructStudySettings>("a -o b"), "capture output");
+        assert_eq!(changed::<RenderSettings>("a.vdb -o b"), "input output");
+        assert_eq!(changed::<RenderStudySettings>("a.vdb -o b"), "input output");
+        assert_eq!(changed::<SelftestSettings>("dvr"), "cases");
+        assert_eq!(changed::<TransferFunctionSettings>("a --volume b.vdb -o c.tf.json"), "capture output volume");
+        assert_eq!(changed::<ValidateSettings>("a.vdb"), "files");
+        assert_eq!(changed::<ViewpointSettings>("a.vdb -o b.json"), "input output");
+    }
+}

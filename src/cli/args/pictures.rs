@@ -1,6 +1,7 @@
 //! Options of what pictures show, and from where.
 
 use super::read_as;
+use super::single::{Integration, ScalarGrid};
 use crate::app::pictures::scattering::ScatteringSettings;
 use crate::app::pictures::{AimSettings, DensityScale, PictureSettings, PlanningSettings};
 use crate::app::scan::ScanSettings;
@@ -11,7 +12,6 @@ use crate::cli::parse;
 use crate::cli::values::choice;
 use crate::formats::sequence::Frames;
 use crate::plan::Effect;
-use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::camera::Window;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
@@ -92,16 +92,8 @@ struct PictureArgs {
     emission_model: Option<EmissionModel>,
     #[command(flatten)]
     transfer: TransferSettings,
-    #[arg(
-        long,
-        value_name = "Q",
-        help = concat!(
-            "Integration along rays: ",
-            rules!(),
-            "; by default exact, and preintegrated through functions of more than 32 points",
-        )
-    )]
-    quadrature: Option<Quadrature>,
+    #[command(flatten)]
+    quadrature: Integration,
     /// Shade the surfaces that the transfer function shows by a light at the camera (Blinn-Phong across the gradient of
     /// the density): shares of the color in all directions and facing the camera, highlight and its exponent
     /// [default of what is left out: 0.2,0.8,0.15,20]
@@ -120,9 +112,8 @@ struct PictureArgs {
     /// Rays along each edge of a pixel; more than one make it the mean over its square
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     supersample: u32,
-    /// Grid to render (default: density, else the only scalar one)
-    #[arg(long, value_name = "NAME")]
-    grid: Option<String>,
+    #[command(flatten)]
+    grid: ScalarGrid,
     #[command(flatten)]
     scan: ScanSettings,
     #[command(flatten)]
@@ -155,11 +146,11 @@ impl From<PictureArgs> for PictureSettings {
             emission: args.emission,
             emission_model: args.emission_model,
             transfer: args.transfer,
-            quadrature: args.quadrature,
+            quadrature: args.quadrature.into(),
             shade: args.shade,
             early_stop: args.early_stop,
             supersample: args.supersample,
-            grid: args.grid,
+            grid: args.grid.into(),
             scan: args.scan,
             scattering: args.scattering,
             planning: args.planning,
@@ -171,7 +162,6 @@ read_as!(PictureSettings, PictureArgs);
 
 /// Options of what may be left out of pictures.
 #[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Planning")]
 struct PlanningArgs {
     /// Leave out effects as long as no channel misses more radiance than this: of a pixel, where bounds prove it, else
     /// of a block of 8 x 8 pixels, as measured with a confidence of 95 %. It is a radiance, whatever the brightness of

@@ -1,11 +1,11 @@
 //! Options of scattering media and their lights.
 
+use super::lights::Lights;
 use super::read_as;
 use crate::app::pictures::scattering::{ScatteringSettings, Sky};
 use crate::cli::parse;
 use crate::cli::values::choice;
 use crate::scene::albedo::TransferColor;
-use glam::DVec3;
 use std::str::FromStr;
 
 impl FromStr for Sky {
@@ -22,7 +22,9 @@ impl FromStr for Sky {
 
 /// A medium that scatters light is rendered by path tracing.
 #[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Scattering, by path tracing")]
+#[command(
+    group = clap::ArgGroup::new("lit").args(["sun", "sun_color", "sun_angle", "sky"]).multiple(true).requires("albedo"),
+)]
 struct ScatteringArgs {
     /// Share of the extinction that is scattered, one number or r,g,b from 0 to 1; turns path tracing on
     #[arg(
@@ -56,19 +58,8 @@ struct ScatteringArgs {
     /// Factors of the extinction in red, green and blue (default: those of a stage, else 1)
     #[arg(long, value_name = "R,G,B", value_parser = parse::color, requires = "albedo")]
     extinction_color: Option<[f32; 3]>,
-    /// Vector from the volume towards a sun
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, requires = "albedo", allow_hyphen_values = true)]
-    sun: Option<DVec3>,
-    /// Irradiance of the sun on a surface that faces it
-    #[arg(long, value_name = "R,G,B", default_value = "1", value_parser = parse::color, requires = "sun")]
-    sun_color: [f32; 3],
-    /// Angle across the sun in degrees
-    #[arg(long, value_name = "DEGREES", default_value_t = 0.53, value_parser = parse::not_negative, requires = "sun")]
-    sun_angle: f64,
-    /// Radiance from all around, one color or an equirectangular EXR; also seen behind the volume unless --background
-    /// is given (default: black with a sun, else white)
-    #[arg(long, value_name = "R,G,B|EXR", requires = "albedo")]
-    sky: Option<Sky>,
+    #[command(flatten)]
+    lights: Lights,
     /// Paths per pixel (default: 64); twice as many halve the variance
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     samples: Option<u32>,
@@ -95,10 +86,10 @@ impl From<ScatteringArgs> for ScatteringSettings {
             specular: args.specular,
             roughness: args.roughness,
             extinction_color: args.extinction_color,
-            sun: args.sun.map(|direction| direction.to_array()),
-            sun_color: args.sun_color,
-            sun_angle: args.sun_angle,
-            sky: args.sky,
+            sun: args.lights.sun(),
+            sun_color: args.lights.sun_color,
+            sun_angle: args.lights.sun_angle,
+            sky: args.lights.sky,
             samples: args.samples,
             seed: args.seed,
             max_bounces: args.max_bounces,

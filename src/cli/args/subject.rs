@@ -1,11 +1,8 @@
 //! What is differentiated: a volume, its medium, and the cameras of pictures of it.
 
-use super::single::ScalarGrid;
 use crate::app::gradient::GradientSettings;
-use crate::app::scan::ScanSettings;
 use crate::app::transfer::TransferSettings;
 use crate::app::up::UpChoice;
-use crate::cli::memory::Memory;
 use crate::cli::parse;
 use crate::cli::values::choice;
 use crate::render::quadrature::{Quadrature, rules};
@@ -58,18 +55,12 @@ pub(in crate::cli) struct GradientSubject {
         value_name = "Q",
         default_value = "exact",
         help = concat!(
-            "Integration along rays, where a study does not vary it: ",
+            "Integration along rays: ",
             rules!(),
-            "; pre-shaded volumes have one of their own",
+            "; pre-shaded volumes have one of their own, and studies may vary it",
         )
     )]
     quadrature: Quadrature,
-    #[command(flatten)]
-    grid: ScalarGrid,
-    #[command(flatten)]
-    scan: ScanSettings,
-    #[command(flatten)]
-    memory: Memory,
 }
 
 impl From<GradientSubject> for GradientSettings {
@@ -88,9 +79,6 @@ impl From<GradientSubject> for GradientSettings {
             emission_model: subject.emission_model,
             transfer: subject.transfer,
             quadrature: subject.quadrature,
-            grid: subject.grid.into(),
-            scan: subject.scan,
-            limits: subject.memory.limits(),
             ..settings
         }
     }

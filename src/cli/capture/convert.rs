@@ -2,6 +2,7 @@
 
 use crate::app::capture::{CaptureSettings, Masked, Placement, Target};
 use crate::cli::args::read_as;
+use crate::cli::args::single::Overwrite;
 use crate::cli::memory::Memory;
 use crate::cli::parse;
 use crate::scene::color_space::ColorSpace;
@@ -60,9 +61,8 @@ struct ConvertArgs {
     /// Move the point that all cameras look at, by least squares, to the origin; before --scale
     #[arg(long)]
     recenter: bool,
-    /// Replace files that another command wrote
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
     #[command(flatten)]
     memory: Memory,
 }
@@ -83,7 +83,7 @@ impl From<ConvertArgs> for CaptureSettings {
             masked: args.masked,
             layer: args.layer,
             placement: Placement { scale, offset: offset.map(|offset| offset.to_array()), recenter },
-            overwrite: args.overwrite,
+            overwrite: args.overwrite.into(),
             limits: args.memory.limits(),
         }
     }

@@ -3,6 +3,7 @@
 use crate::app::capture::NewCaptureSettings;
 use crate::app::pictures::PictureSettings;
 use crate::cli::args::read_as;
+use crate::cli::args::single::Overwrite;
 use std::path::PathBuf;
 
 /// Write the cameras that a render would have, without pictures: for `cumulo render --cameras`
@@ -14,16 +15,15 @@ struct NewArgs {
     /// Capture to write, name.json; or a folder for a transforms.json
     #[arg(long, short, value_name = "OUT.json|DIR")]
     output: PathBuf,
-    /// Replace a capture that other settings wrote
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
     #[command(flatten)]
     pictures: PictureSettings,
 }
 
 impl From<NewArgs> for NewCaptureSettings {
     fn from(args: NewArgs) -> Self {
-        Self { output: args.output, overwrite: args.overwrite, pictures: args.pictures }
+        Self { output: args.output, overwrite: args.overwrite.into(), pictures: args.pictures }
     }
 }
 

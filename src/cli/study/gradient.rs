@@ -1,10 +1,13 @@
 //! `cumulo study gradient`: error against time of derivatives.
 
 use crate::app::gradient::{GradientSettings, LossName, Wrt};
+use crate::app::scan::ScanSettings;
 use crate::app::study::StudyOptions;
 use crate::app::study::gradient::{GradientKnob, GradientStudySettings};
 use crate::cli::args::read_as;
+use crate::cli::args::single::ScalarGrid;
 use crate::cli::args::subject::GradientSubject;
+use crate::cli::memory::Memory;
 
 /// Measure the error of derivatives against the time that they take, and recommend the options of gradient for them
 ///
@@ -25,14 +28,28 @@ struct GradientStudyArgs {
     loss: LossName,
     #[command(flatten)]
     subject: GradientSubject,
+    #[command(flatten)]
+    grid: ScalarGrid,
+    #[command(flatten)]
+    scan: ScanSettings,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 impl From<GradientStudyArgs> for GradientStudySettings {
     fn from(args: GradientStudyArgs) -> Self {
-        let GradientStudyArgs { study, knobs, wrt, loss, mut subject } = args;
+        let GradientStudyArgs { study, knobs, wrt, loss, mut subject, grid, scan, memory } = args;
         // The study has the size: none lets it choose one.
         let size = subject.size.take();
-        Self { study, knobs, size, gradient: GradientSettings { wrt: vec![wrt], loss, ..subject.into() } }
+        let gradient = GradientSettings {
+            wrt: vec![wrt],
+            loss,
+            grid: grid.into(),
+            scan,
+            limits: memory.limits(),
+            ..subject.into()
+        };
+        Self { study, knobs, size, gradient }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::app::study::StudyOptions;
 use crate::cli::args::read_as;
+use crate::cli::args::single::Overwrite;
 use crate::cli::parse;
 use std::path::PathBuf;
 
@@ -11,11 +12,10 @@ struct StudyArgs {
     /// Folder for the page, its table, its record and the reference
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// Replace what another command has written into the folder
-    #[arg(long, conflicts_with = "resume")]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Measure only what the record in the folder lacks: that of a study that was stopped
-    #[arg(long)]
+    #[arg(long, conflicts_with = "overwrite")]
     resume: bool,
     /// Most runs of each setting; times are their medians
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
@@ -34,7 +34,7 @@ struct StudyArgs {
 impl From<StudyArgs> for StudyOptions {
     fn from(args: StudyArgs) -> Self {
         let StudyArgs { output, overwrite, resume, repeats, budget, wanted_error, wanted_seconds } = args;
-        Self { output, overwrite, resume, repeats, budget, wanted_error, wanted_seconds }
+        Self { output, overwrite: overwrite.into(), resume, repeats, budget, wanted_error, wanted_seconds }
     }
 }
 

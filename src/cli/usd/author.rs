@@ -1,14 +1,14 @@
 //! `cumulo usd author`: a stage of volumes, with their media, lights and cameras.
 
-use crate::app::pictures::scattering::Sky;
 use crate::app::up::UpChoice;
 use crate::app::usd::author::AuthorSettings;
+use crate::cli::args::lights::Lights;
 use crate::cli::args::read_as;
+use crate::cli::args::single::Overwrite;
 use crate::cli::memory::Memory;
 use crate::cli::parse;
 use crate::formats::sequence::Frames;
 use crate::formats::usd::write::material::Renderer;
-use glam::DVec3;
 use std::path::PathBuf;
 
 /// Write a stage of volumes, with their media, lights and cameras
@@ -65,24 +65,13 @@ struct AuthorArgs {
     /// Transfer function from density to color and extinction
     #[arg(long, value_name = "FILE")]
     tf: Option<PathBuf>,
-    /// Vector from the volume towards a sun
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, allow_hyphen_values = true)]
-    sun: Option<DVec3>,
-    /// Irradiance of the sun on a surface that faces it
-    #[arg(long, value_name = "R,G,B", default_value = "1", value_parser = parse::color, requires = "sun")]
-    sun_color: [f32; 3],
-    /// Angle across the sun in degrees
-    #[arg(long, value_name = "DEGREES", default_value_t = 0.53, value_parser = parse::not_negative, requires = "sun")]
-    sun_angle: f64,
-    /// Radiance from all around, one color or an equirectangular EXR
-    #[arg(long, value_name = "R,G,B|EXR")]
-    sky: Option<Sky>,
+    #[command(flatten)]
+    lights: Lights,
     /// Renderer whose material is bound; the others stay in the variant set `renderer`
     #[arg(long, value_enum, default_value_t = Renderer::None)]
     renderer: Renderer,
-    /// Replace a stage that another command wrote
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
     #[command(flatten)]
     memory: Memory,
 }
@@ -106,12 +95,12 @@ impl From<AuthorArgs> for AuthorSettings {
             extinction_color: args.extinction_color,
             emission: args.emission,
             tf: args.tf,
-            sun: args.sun.map(|direction| direction.to_array()),
-            sun_color: args.sun_color,
-            sun_angle: args.sun_angle,
-            sky: args.sky,
+            sun: args.lights.sun(),
+            sun_color: args.lights.sun_color,
+            sun_angle: args.lights.sun_angle,
+            sky: args.lights.sky,
             renderer: args.renderer,
-            overwrite: args.overwrite,
+            overwrite: args.overwrite.into(),
             limits: args.memory.limits(),
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::app::usd::lint::LintSettings;
 use crate::cli::args::read_as;
+use crate::cli::args::single::Overwrite;
 use crate::cli::memory::Memory;
 use std::path::PathBuf;
 
@@ -10,6 +11,7 @@ use std::path::PathBuf;
 /// Read are .usda, .usdc, .usd and .usdz with all that they reference, and the VDBs of their volumes. Notes do not
 /// count.
 #[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("fixed").args(["overwrite"]).requires("fix"))]
 struct LintArgs {
     /// Stages
     #[arg(required = true, value_name = "STAGE")]
@@ -17,9 +19,8 @@ struct LintArgs {
     /// Write a layer over the stage, a .usda, that removes the faults which have one remedy; the stage stays as it is
     #[arg(long, value_name = "LAYER")]
     fix: Option<PathBuf>,
-    /// Replace a file that lies at LAYER
-    #[arg(long, requires = "fix")]
-    overwrite: bool,
+    #[command(flatten)]
+    overwrite: Overwrite,
     #[command(flatten)]
     memory: Memory,
 }
@@ -27,7 +28,7 @@ struct LintArgs {
 impl From<LintArgs> for LintSettings {
     fn from(args: LintArgs) -> Self {
         let LintArgs { stages, fix, overwrite, memory } = args;
-        Self { stages, fix, overwrite, limits: memory.limits() }
+        Self { stages, fix, overwrite: overwrite.into(), limits: memory.limits() }
     }
 }
 
