@@ -3,6 +3,8 @@
 //! The crate `cumulo` shows these modules as its own, beside file formats, use cases and the command line. Its
 //! documentation tells how they belong together, and which conventions they share.
 
+#![warn(unreachable_pub)]
+
 pub mod arch;
 pub mod cancel;
 pub mod denoise;

@@ -17,6 +17,8 @@
 //!   attenuated background: over black it is premultiplied in the usual sense.
 //! - A name `by_x` is a derivative of the loss with respect to x.
 
+#![warn(unreachable_pub)]
+
 pub mod app;
 pub mod cli;
 pub mod formats;

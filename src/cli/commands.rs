@@ -53,7 +53,7 @@ pub(super) struct Row {
     pub schema: Option<fn(&str) -> DocumentSchema>,
     /// Adds its description, arguments and options.
     described: fn(Command) -> Command,
-    /// Its description in short and at length, if it is a group.
+    /// Short and long description of a group.
     about: Option<[&'static str; 2]>,
     /// Reads what there is to run.
     read: fn(&mut ArgMatches) -> Result<Box<dyn Run>, clap::Error>,
@@ -288,7 +288,8 @@ pub(super) static COMMANDS: &[Row] = &[
         "study",
         [
             "Measure the error of settings against their time, on your own inputs, and recommend one",
-            "The reference is converged by Cumulo itself and has an uncertainty of its own. The folder of the page gets a table (study.csv), a record (study.json) and the reference, too.",
+            "The reference is converged by Cumulo itself and has an uncertainty of its own. The folder of the page gets a \
+             table (study.csv), a record (study.json) and the reference, too.",
         ],
     ),
     Row::use_case::<DenoiseStudySettings>(
@@ -351,3 +352,21 @@ pub(super) static COMMANDS: &[Row] = &[
     Row::use_case::<ViewpointSettings>("viewpoint", &["cumulo viewpoint smoke.vdb --density-scale auto -o best.json"]),
     Row::plain::<TryGrid>(SUBCOMMAND, &[]),
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A command prints documents, which have a schema, but for those that print a text; and none is there twice.
+    #[test]
+    fn commands_print_documents() {
+        let of = |is: &dyn Fn(&Row) -> bool| -> Vec<&str> {
+            COMMANDS.iter().filter(|row| is(row)).map(|row| row.words).collect()
+        };
+        let texts = of(&|row| row.schema.is_none() && row.about.is_none());
+        assert_eq!(texts, ["completions", "schema", SUBCOMMAND]);
+        let mut all = of(&|_| true);
+        all.sort_unstable();
+        assert!(all.is_sorted_by(|a, b| a < b), "{all:?}");
+    }
+}

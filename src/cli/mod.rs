@@ -144,6 +144,11 @@ pub fn parser() -> clap::Command {
         .subcommands(commands::all())
 }
 
+/// Returns the words of the commands that print documents, and the schemas of these by their titles.
+fn documents() -> impl Iterator<Item = (&'static str, fn(&str) -> schemars::Schema)> {
+    commands::COMMANDS.iter().filter_map(|row| Some((row.words, row.schema?)))
+}
+
 /// Returns the program's command with its help arranged. Of an option that is given twice the last one counts, but for
 /// lists.
 fn command() -> clap::Command {
@@ -245,8 +250,8 @@ fn mistake(text: &str) -> String {
     lines.join(" ").trim_start_matches("error: ").to_owned()
 }
 
-/// Returns the path by which this program is started once more. Where a loader runs it with the libraries beside it, the
-/// file of the process is the loader, and the launcher's absolute path is the program's own word; so it is where
+/// Returns the path by which this program is started once more. Where a loader runs it with the libraries beside it,
+/// the file of the process is the loader, and the launcher's absolute path is the program's own word; so it is where
 /// `/proc` is missing.
 fn own_program(process: Option<PathBuf>, word: Option<OsString>) -> Option<PathBuf> {
     let loader = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("ld-"));

@@ -13,7 +13,8 @@ use std::path::PathBuf;
 /// Cameras of the capture are where the search begins: a few degrees and a few percent of the distance off. Position
 /// and rotation of each are moved until what it sees of the volume is its picture. A camera that finds no such place
 /// nearby is named, and stays where it was if the search went far. Where the capture's model is pre-shaded, the volume
-/// needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit code 130); --resume goes on from it.
+/// needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit code 130); --resume goes on from
+/// it.
 #[derive(Debug, clap::Args)]
 struct PoseArgs {
     /// transforms.json of the pictures, a model of COLMAP, or the folder of either

@@ -71,7 +71,7 @@ const UNKNOWN: f32 = 1e-4;
 
 /// A frame as the models predict it, and what it was predicted from.
 #[derive(Debug, Clone, Copy)]
-pub struct Filtered<'d> {
+pub(super) struct Filtered<'d> {
     pub frame: &'d Frame<'d>,
     pub grid: Grid,
     /// Mean motions of the blocks.

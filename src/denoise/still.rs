@@ -138,7 +138,7 @@ impl<'p> Picture<'p> {
 struct Pixel {
     /// Second difference along both directions.
     second: f64,
-    /// What was taken away, negative.
+    /// Brightness that was added; negative where it was taken away.
     change: f64,
     /// Inverse of the brightness, if that is not too dark.
     inverse_brightness: Option<f64>,

@@ -156,7 +156,7 @@ impl<I: EmissionAbsorption<Real = f32>> Integrator for Composited<I> {
 /// Slices tell all.
 impl<I: EmissionAbsorption<Real = f32>> DeepIntegrator for Composited<I> {
     const DRAWS: bool = false;
-    type Walked = ();
+    type Traversal = ();
 
     fn walk(&self, _: &Ray, _: &mut I::Scratch) {}
 

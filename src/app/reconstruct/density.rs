@@ -2,6 +2,7 @@
 
 use super::capture::LoadedCapture;
 use super::confidence::{self, Fit};
+pub use super::density_solver::Choice;
 use super::density_solver::{DensitySolver, SETTLED};
 use super::refinement::RefinementSettings;
 use super::region::{Placed, RegionSettings};
@@ -142,20 +143,6 @@ impl Default for DensitySettings {
     }
 }
 
-/// How densities are to be found.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Choice {
-    /// Conjugate gradients where the pictures depend on the optical depth alone, colors first where there is a transfer
-    /// function, else as in Weiss & Westermann (2021).
-    #[default]
-    Auto,
-    /// Conjugate gradients in the smoothness prior's metric.
-    Cg,
-    /// Adam as in Weiss & Westermann (2021).
-    Weiss2021,
-}
-
 /// Loss of the residuals of optical depths.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -167,7 +154,7 @@ pub enum Loss {
     L2,
 }
 
-/// What is settled of a search before its pictures are read.
+/// Choices that a search rests on, made before its pictures are read.
 #[derive(Debug, Clone)]
 pub(super) struct Search {
     pub solver: DensitySolver,

@@ -1,6 +1,5 @@
 //! The solvers of densities, and what each of them costs.
 
-use super::density::Choice;
 use super::forecast::ExpectedSearch;
 use super::region::Placed;
 use super::sample::{Measured, Sample};
@@ -16,10 +15,25 @@ use crate::inverse::progress::Step;
 use crate::inverse::through_transfer;
 use crate::scene::capture::Capture;
 use crate::scene::medium::{Medium, Source};
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
 /// Iterations on the finest level from which on a volume suits its cameras, if they suit one another.
 pub(super) const SETTLED: usize = 8;
+
+/// How densities are to be found.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Choice {
+    /// Conjugate gradients where the pictures depend on the optical depth alone, colors first where there is a transfer
+    /// function, else as in Weiss & Westermann (2021).
+    #[default]
+    Auto,
+    /// Conjugate gradients in the smoothness prior's metric.
+    Cg,
+    /// Adam as in Weiss & Westermann (2021).
+    Weiss2021,
+}
 
 /// Solver of densities, as [`Choice`] and the medium of the pictures choose it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

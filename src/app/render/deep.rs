@@ -29,7 +29,7 @@ const ROWS: usize = 64;
 
 /// Samples of deep pictures.
 #[derive(Debug, Clone, Copy, Default, Serialize, schemars::JsonSchema)]
-pub struct DeepReport {
+pub(super) struct DeepReport {
     /// Largest error of color and opacity before any depth.
     error: f64,
     /// Pixels that show anything.

@@ -4,7 +4,7 @@ mod pictures;
 mod report;
 mod sheet;
 
-pub use report::Suggested;
+pub(crate) use report::Suggested;
 
 use super::outputs::{self, Content};
 use super::provenance::Provenance;

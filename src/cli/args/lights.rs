@@ -24,7 +24,7 @@ pub(in crate::cli) struct Lights {
 
 impl Lights {
     /// Returns the vector from the volume towards the sun.
-    pub fn sun(&self) -> Option<[f64; 3]> {
+    pub(crate) fn sun(&self) -> Option<[f64; 3]> {
         self.sun.map(|direction| direction.to_array())
     }
 }

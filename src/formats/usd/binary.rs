@@ -21,20 +21,20 @@ const LEAST_COMPRESSED: u64 = 4;
 
 /// Types of values, as files number them.
 mod kinds {
-    pub const STRING: u8 = 10;
-    pub const ASSET: u8 = 12;
-    pub const DICTIONARY: u8 = 31;
-    pub const REFERENCES: u8 = 35;
-    pub const PATHS: u8 = 40;
-    pub const TOKENS: u8 = 41;
-    pub const VARIANTS: u8 = 45;
-    pub const SAMPLES: u8 = 46;
-    pub const DOUBLES: u8 = 48;
-    pub const OFFSETS: u8 = 49;
-    pub const STRINGS: u8 = 50;
-    pub const PAYLOADS: u8 = 55;
-    pub const EXPRESSION: u8 = 57;
-    pub const RELOCATES: u8 = 58;
+    pub(super) const STRING: u8 = 10;
+    pub(super) const ASSET: u8 = 12;
+    pub(super) const DICTIONARY: u8 = 31;
+    pub(super) const REFERENCES: u8 = 35;
+    pub(super) const PATHS: u8 = 40;
+    pub(super) const TOKENS: u8 = 41;
+    pub(super) const VARIANTS: u8 = 45;
+    pub(super) const SAMPLES: u8 = 46;
+    pub(super) const DOUBLES: u8 = 48;
+    pub(super) const OFFSETS: u8 = 49;
+    pub(super) const STRINGS: u8 = 50;
+    pub(super) const PAYLOADS: u8 = 55;
+    pub(super) const EXPRESSION: u8 = 57;
+    pub(super) const RELOCATES: u8 = 58;
 }
 
 /// Checks a binary layer, of which each array and all paths together may take `most` bytes. Returns it as the crate

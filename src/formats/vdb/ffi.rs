@@ -1,6 +1,6 @@
 //! Interface to the C shim: generated declarations, and one function that turns a status into a result.
 
-#[allow(missing_docs, dead_code, non_camel_case_types, unused_qualifications, clippy::all)]
+#[allow(missing_docs, dead_code, non_camel_case_types, unreachable_pub, unused_qualifications, clippy::all)]
 mod generated {
     include!(concat!(env!("OUT_DIR"), "/vdb_ffi.rs"));
 }

@@ -22,20 +22,20 @@ pub(super) struct Curve {
 
 impl Curve {
     /// Adds a step at a depth, to the precision of depths of samples.
-    pub fn step(&mut self, z: f64, by: DVec4) {
+    pub(super) fn step(&mut self, z: f64, by: DVec4) {
         if by != DVec4::ZERO {
             self.steps.push((f64::from(z as f32), by));
         }
     }
 
     /// Returns the sum of the steps.
-    pub fn drawn(&self) -> DVec4 {
+    pub(super) fn drawn(&self) -> DVec4 {
         self.steps.iter().map(|step| step.1).sum()
     }
 
     /// Returns the curve of the steps and of a smooth part, which rises from knot to knot, by ascending depths: two
     /// entries at the place of a step, before and after it.
-    pub fn entries(mut self, knots: &[Knot]) -> Vec<Entry> {
+    pub(super) fn entries(mut self, knots: &[Knot]) -> Vec<Entry> {
         self.steps.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut entries = Vec::with_capacity(knots.len() + 2 * self.steps.len());
         let (mut drawn, mut steps) = (DVec4::ZERO, &self.steps[..]);

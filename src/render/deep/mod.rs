@@ -50,7 +50,7 @@ pub trait DeepIntegrator: Integrator {
     /// False if slices tell all, and nothing is drawn.
     const DRAWS: bool;
     /// State that all parts of a ray share.
-    type Walked;
+    type Traversal;
 
     /// Returns a camera's ray up to the surface that it meets, beyond which no part is asked for.
     fn reach(&self, ray: &Ray) -> Ray {
@@ -58,11 +58,11 @@ pub trait DeepIntegrator: Integrator {
     }
 
     /// Walks along a camera's ray before parts of it are asked for.
-    fn walk(&self, ray: &Ray, scratch: &mut Self::Scratch) -> Self::Walked;
+    fn walk(&self, ray: &Ray, scratch: &mut Self::Scratch) -> Self::Traversal;
 
     /// Returns radiance and optical depth of the part between two world lengths of the camera's ray that was walked
     /// last, as far as no path draws them.
-    fn slice(&self, from: (&Ray, &mut Self::Walked), part: [f64; 2], scratch: &mut Self::Scratch) -> Slice;
+    fn slice(&self, from: (&Ray, &mut Self::Traversal), part: [f64; 2], scratch: &mut Self::Scratch) -> Slice;
 
     /// Draws what a path adds to the ray that was walked last, the background left out; `events` are empty.
     fn draw(&self, _: &Ray, _: &Self::Primary, _: &mut Sampler, _: &mut Self::Scratch, _: &mut Vec<Event>) {}

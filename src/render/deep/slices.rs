@@ -25,13 +25,13 @@ pub(super) struct DepthRay {
 }
 
 impl DepthRay {
-    pub fn new(camera: &Camera, ray: Ray) -> Self {
+    pub(super) fn new(camera: &Camera, ray: Ray) -> Self {
         let axis = camera.forward();
         Self { ray, origin: (ray.origin - camera.position()).dot(axis), slope: ray.direction.dot(axis) }
     }
 
     /// Returns the depth at a distance along the ray.
-    pub fn depth(&self, distance: f64) -> f64 {
+    pub(super) fn depth(&self, distance: f64) -> f64 {
         self.origin + distance * self.slope
     }
 
@@ -40,7 +40,7 @@ impl DepthRay {
     fn slice<I: DeepIntegrator>(
         &self,
         integrator: &I,
-        way: &mut I::Walked,
+        way: &mut I::Traversal,
         (depths, start): ([f64; 2], f64),
         scratch: &mut I::Scratch,
     ) -> SliceOptics {
@@ -119,7 +119,7 @@ struct Cut {
 impl Slices {
     /// Returns what the pixel shows from depth to depth in a range beside what was `drawn`, ascending, and the units of
     /// its errors.
-    pub fn knots<I: DeepIntegrator>(
+    pub(super) fn knots<I: DeepIntegrator>(
         &mut self,
         integrator: &I,
         range: [f64; 2],

@@ -92,7 +92,7 @@ impl Shot {
     /// Returns the ray of a camera: of one whose picture is blurred, through a random point of its aperture at a random
     /// time.
     #[inline(always)]
-    pub fn ray(&self, camera: &Camera) -> Ray {
+    pub(crate) fn ray(&self, camera: &Camera) -> Ray {
         if camera.blur.is_none() { camera.ray(self.place.x, self.place.y) } else { self.blurred_ray(camera) }
     }
 

@@ -10,7 +10,7 @@ use glam::Vec3;
 
 /// A camera's ray that was walked, and the last optical depth that was asked for.
 #[derive(Debug)]
-pub struct WalkedRay {
+pub struct RayTraversal {
     walked: Option<TracedRay>,
     /// Length and optical depth that were asked for last.
     last: [f64; 2],
@@ -18,18 +18,18 @@ pub struct WalkedRay {
 
 impl DeepIntegrator for PathTracer<'_> {
     const DRAWS: bool = true;
-    type Walked = WalkedRay;
+    type Traversal = RayTraversal;
 
     fn reach(&self, ray: &Ray) -> Ray {
         self.kernels[self.moment(ray)].reach(ray)
     }
 
-    fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> WalkedRay {
-        WalkedRay { walked: self.kernels[self.moment(ray)].walk(ray, scratch), last: [0.0; 2] }
+    fn walk(&self, ray: &Ray, scratch: &mut Scratch) -> RayTraversal {
+        RayTraversal { walked: self.kernels[self.moment(ray)].walk(ray, scratch), last: [0.0; 2] }
     }
 
-    fn slice(&self, (ray, way): (&Ray, &mut WalkedRay), part: [f64; 2], scratch: &mut Scratch) -> Slice {
-        let WalkedRay { walked, last } = way;
+    fn slice(&self, (ray, way): (&Ray, &mut RayTraversal), part: [f64; 2], scratch: &mut Scratch) -> Slice {
+        let RayTraversal { walked, last } = way;
         self.kernels[self.moment(ray)].slice((ray, walked.as_ref().map(|walked| (walked, last))), part, scratch)
     }
 
