@@ -47,6 +47,8 @@ type Texts = &'static [&'static str];
 pub(super) struct Row {
     /// Words of the command, such as `reconstruct density`.
     pub words: &'static str,
+    /// Another spelling of its last word.
+    alias: Option<&'static str>,
     /// Examples at the end of its help.
     pub examples: Texts,
     /// Schema of its documents, by their title; none if what it prints has a form of its own.
@@ -63,7 +65,7 @@ impl Row {
     /// A command that prints a text.
     const fn plain<C: Args + Run + 'static>(words: &'static str, examples: Texts) -> Self {
         let read = |matches: &mut ArgMatches| Ok(Box::new(C::from_arg_matches_mut(matches)?) as Box<dyn Run>);
-        Self { words, examples, schema: None, described: C::augment_args, about: None, read }
+        Self { words, alias: None, examples, schema: None, described: C::augment_args, about: None, read }
     }
 
     /// A command that prints a report.
@@ -84,13 +86,13 @@ impl Row {
     /// A group of commands, which is nothing to run.
     const fn group(words: &'static str, about: [&'static str; 2]) -> Self {
         let read = |_: &mut ArgMatches| Err(clap::Error::new(clap::error::ErrorKind::MissingSubcommand));
-        Self { words, examples: &[], schema: None, described: |command| command, about: Some(about), read }
+        Self { words, alias: None, examples: &[], schema: None, described: |command| command, about: Some(about), read }
     }
 
     /// Returns the command, with those of its group.
     fn command(&self) -> Command {
         let name = self.words.rsplit(' ').next().unwrap_or_default();
-        let command = (self.described)(Command::new(name)).hide(name == SUBCOMMAND);
+        let command = (self.described)(Command::new(name)).hide(name == SUBCOMMAND).aliases(self.alias);
         let Some([short, long]) = self.about else { return command };
         let command = command.about(short).subcommand_required(true).arg_required_else_help(true);
         let command = if long.is_empty() { command } else { command.long_about(format!("{short}\n\n{long}")) };
@@ -270,10 +272,16 @@ pub(super) static COMMANDS: &[Row] = &[
             "cumulo reconstruct density scans --tf bone.tf.json -o densities.vdb",
         ],
     ),
-    Row::or_job::<ColorSettings>(
-        "reconstruct color",
-        &["cumulo reconstruct color scans -o shaded.vdb", "cumulo reconstruct color scans -o shaded.vdb --report page"],
-    ),
+    Row {
+        alias: Some("colour"),
+        ..Row::or_job::<ColorSettings>(
+            "reconstruct color",
+            &[
+                "cumulo reconstruct color scans -o shaded.vdb",
+                "cumulo reconstruct color scans -o shaded.vdb --report page",
+            ],
+        )
+    },
     Row::or_job::<TransferFunctionSettings>(
         "reconstruct tf",
         &["cumulo reconstruct tf scans --volume head.vdb -o found.tf.json"],
@@ -288,8 +296,8 @@ pub(super) static COMMANDS: &[Row] = &[
         "study",
         [
             "Measure the error of settings against their time, on your own inputs, and recommend one",
-            "The reference is converged by Cumulo itself and has an uncertainty of its own. The folder of the page gets a \
-             table (study.csv), a record (study.json) and the reference, too.",
+            "The reference is converged by Cumulo itself and has an uncertainty of its own. The folder of the page gets \
+             a table (study.csv), a record (study.json) and the reference, too.",
         ],
     ),
     Row::use_case::<DenoiseStudySettings>(

@@ -319,11 +319,11 @@ fn no_frame_is_harmed() {
         ("varying points", points, Vec2::ZERO, 80.0, -0.1),
         ("text without motion", texts, Vec2::ZERO, 80.0, -3.5),
         ("checkers by whole pixels", whole, Vec2::ONE, 80.0, -0.1),
-        ("hard checkers", hard, slow, 80.0, -4.2),
+        ("hard checkers", hard, slow, 80.0, -0.1),
         ("shades", shades, slow, 80.0, -0.1),
         ("waves", waves, slow, 70.0, -0.1),
         ("sharp checkers", sharp, slow, 75.0, -0.1),
-        ("text", prose, slow, 39.4, -0.1),
+        ("text", prose, slow, 61.0, -0.1),
     ] {
         for deviation in [0.0, 0.01, 0.1] {
             let Drawn { truth, frames, found, .. } = drawn(picture, deviation, motion, false);

@@ -134,7 +134,7 @@ impl Sequence<'_> {
             if cancel.requested() {
                 return Err(Error::cancelled());
             }
-            let look = match *step {
+            let task = match *step {
                 Step::Begin => {
                     work.views.iter_mut().for_each(ViewDenoiser::begin);
                     continue;
@@ -147,12 +147,12 @@ impl Sequence<'_> {
                     work.views.iter_mut().for_each(ViewDenoiser::rewind);
                     continue;
                 }
-                Step::Look { frame, keep } => Look { frame, forward: false, keep, again: true },
-                Step::Denoise { frame, write, again } => Look { frame, forward: true, keep: write, again },
+                Step::Look { frame, keep } => FrameTask { frame, forward: false, keep, again: true },
+                Step::Denoise { frame, write, again } => FrameTask { frame, forward: true, keep: write, again },
             };
             let Ok(shot) = read.recv() else { return Err(Error::cancelled()) };
-            if let Some(shot) = work.receive(&look, shot, context)? {
-                work.denoise(&look, shot, pictures)?;
+            if let Some(shot) = work.receive(&task, shot, context)? {
+                work.denoise(&task, shot, pictures)?;
             }
         }
         let Work { cuts, mut done, .. } = work;
@@ -230,7 +230,7 @@ impl Sequence<'_> {
 }
 
 /// A frame that is looked at.
-struct Look {
+struct FrameTask {
     frame: usize,
     /// True if it is denoised, and false if it is observed backwards.
     forward: bool,
@@ -257,13 +257,13 @@ impl Work<'_> {
     ///
     /// # Errors
     /// If the work is interrupted.
-    fn receive(&mut self, look: &Look, shot: Result<Shot>, context: &Context) -> Result<Option<Shot>> {
-        let number = self.sequence.numbers[look.frame];
-        match shot.and_then(|shot| self.sequence.fits(look.frame, shot, &mut self.expected)) {
+    fn receive(&mut self, task: &FrameTask, shot: Result<Shot>, context: &Context) -> Result<Option<Shot>> {
+        let number = self.sequence.numbers[task.frame];
+        match shot.and_then(|shot| self.sequence.fits(task.frame, shot, &mut self.expected)) {
             Ok(shot) => return Ok(Some(shot)),
             Err(e) if e.kind() == Kind::Cancelled => return Err(e),
-            Err(e) if look.forward && look.keep => self.done.failed.push((number, e)),
-            Err(e) if look.forward && !look.again => {
+            Err(e) if task.forward && task.keep => self.done.failed.push((number, e)),
+            Err(e) if task.forward && !task.again => {
                 context.note(format!("frame {number}, of which others learn: {e}"));
             }
             Err(_) => {}
@@ -272,8 +272,8 @@ impl Work<'_> {
     }
 
     /// Observes a frame, or denoises it and hands it on if it is to be written.
-    fn denoise(&mut self, look: &Look, shot: Shot, pictures: &Pictures) -> Result<()> {
-        let number = self.sequence.numbers[look.frame];
+    fn denoise(&mut self, task: &FrameTask, shot: Shot, pictures: &Pictures) -> Result<()> {
+        let number = self.sequence.numbers[task.frame];
         let started = Instant::now();
         if shot.contradiction > 0.0 && self.done.contradiction.is_none_or(|(first, _)| number < first) {
             self.done.contradiction = Some((number, shot.contradiction));
@@ -282,26 +282,26 @@ impl Work<'_> {
         let DenoiseSettings { method, cuts: find, error, .. } = *self.sequence.settings;
         let new = || ViewDenoiser::new(method.method(), self.settings, find == Cuts::Auto, error);
         self.views.resize_with(shot.views.len(), new);
-        let mut spares = if look.forward { pictures.spares.try_recv().unwrap_or_default() } else { Vec::new() };
+        let mut spares = if task.forward { pictures.spares.try_recv().unwrap_or_default() } else { Vec::new() };
         let mut views = Vec::new();
         for (at, view) in shot.views.into_iter().enumerate() {
-            if look.forward {
+            if task.forward {
                 let mut denoised = spares.pop().unwrap_or_default();
-                let cut = self.views[at].denoise(number, &view, look.again, &mut denoised)?;
+                let cut = self.views[at].denoise(number, &view, task.again, &mut denoised)?;
                 self.cuts.extend(cut.then_some(number));
-                if look.keep {
+                if task.keep {
                     self.estimate(&view, &mut denoised, at == 0)?;
                 }
                 views.push((view.targets, denoised));
             } else {
-                self.views[at].observe(number, &view, look.keep)?;
+                self.views[at].observe(number, &view, task.keep)?;
             }
         }
         self.done.seconds += started.elapsed().as_secs_f64();
         if let Some(document) = shot.document {
             self.done.filled += shot.filled;
             self.done.filled_frames.extend((shot.filled > 0).then_some(number));
-            let picture = Picture { frame: look.frame, document, views, whole: shot.whole };
+            let picture = Picture { frame: task.frame, document, views, whole: shot.whole };
             pictures.write.send(picture).map_err(|_| Error::cancelled())?;
         }
         Ok(())

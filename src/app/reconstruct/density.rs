@@ -195,7 +195,7 @@ impl DensitySettings {
         }
         let views = input.capture.frames.len();
         let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
-        let search = Search { solver, held_out, init: self.initial_densities(&task)? };
+        let mut search = Search { solver, held_out, init: None };
 
         let mut work = VolumeTask::new(task, input, (&self.output, self.report.as_deref()), self.layer.as_deref());
         if work.input.capture.model == Model::Scattering {
@@ -206,11 +206,14 @@ impl DensitySettings {
         let channels = channels(&work.input.capture)?;
         work.forecast(&self.region, channels, |work, sample, placed| {
             let (task, capture) = (&work.task, &work.input.capture);
+            let search = Search { init: self.initial_densities(task)?, ..search.clone() };
             let request = self.request((task, capture), &sample.observation, placed, &search)?;
             let measured = solver.measured(sample, capture, placed, &request)?;
             Ok((solver.cost(&sample.observation, placed, &request, capture, measured.as_ref()), measured))
         })?;
         let mut pictures = pictures(&mut work, channels, solver)?;
+        // Whether it is of these pictures is known once they were read.
+        search.init = self.initial_densities(&work.task)?;
         if let Some(path) = cameras {
             let search = Search { held_out: Vec::new(), ..search.clone() };
             let request = |work: &VolumeTask<'_>, observation: &Observation, placed: &Placed| {
