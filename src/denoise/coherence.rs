@@ -55,14 +55,14 @@ impl Coherence {
         self.light.par_chunks_exact_mut(line_of(self.size[0]))
     }
 
-    /// Adds the small detail of the brightness to the sums, of which such a share is kept.
-    pub(crate) fn add(&mut self, kept: f32) {
+    /// Sums the small detail of the brightness, or adds it to what was summed.
+    pub(crate) fn sum(&mut self, adds: bool) {
         let Self { size, light, sums, .. } = self;
         let stride = sums.grid().stride();
         let rows = sums.data.par_chunks_mut(BAND * SUMS * stride).enumerate();
         rows.for_each_init(Vec::new, |detail, (band, planes)| {
             let top = band * BAND * BLOCK;
-            Arch::default().dispatch(Sum { size: *size, light, top, kept, detail, planes });
+            Arch::default().dispatch(Sum { size: *size, light, top, adds, detail, planes });
         });
     }
 
@@ -82,7 +82,7 @@ impl Coherence {
     /// Gives back to the colors `to` what was taken away of a frame, whose brightness this holds, where it is coherent;
     /// and adds that to the shares of the blocks.
     pub(crate) fn give_back(&mut self, frame: &Frame<'_>, shares: &mut Planes, to: &mut [Vec3]) {
-        self.add(0.0);
+        self.sum(false);
         let (grid, planes, width) = (self.sums.grid(), shares.row_len(), self.size[0]);
         let mut coherent = std::mem::take(&mut self.shares);
         let rows = coherent.data.par_chunks_mut(grid.stride()).zip(shares.data.par_chunks_mut(planes)).enumerate();
@@ -116,7 +116,7 @@ struct Sum<'a> {
     size: [usize; 2],
     light: &'a [f32],
     top: usize,
-    kept: f32,
+    adds: bool,
     /// Lines of differences from the mean around.
     detail: &'a mut Vec<f32>,
     planes: &'a mut [f32],
@@ -127,7 +127,7 @@ impl pulp::NullaryFnOnce for Sum<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { size: [width, height], light, top, kept, detail, planes } = self;
+        let Self { size: [width, height], light, top, adds, detail, planes } = self;
         let (groups, line, stride) = (vectors(width), line_of(width), Grid::over([width, height]).stride());
         let rows = planes.len() / (SUMS * stride) * BLOCK;
         detail.clear();
@@ -160,7 +160,8 @@ impl pulp::NullaryFnOnce for Sum<'_> {
                 for (plane, sums) in planes.chunks_exact_mut(stride).zip(sums) {
                     let blocks = sums.0.as_chunks::<BLOCK>().0;
                     for (to, of) in plane[group * (LANES / BLOCK)..].iter_mut().zip(blocks) {
-                        *to = kept * *to + ((of[0] + of[1]) + (of[2] + of[3]));
+                        // Times 0 what is not finite would stay so.
+                        *to = if adds { *to } else { 0.0 } + ((of[0] + of[1]) + (of[2] + of[3]));
                     }
                 }
             }
@@ -224,6 +225,10 @@ mod tests {
         let (grid, mut coherence) = (Grid::over(SIZE), Coherence::new(SIZE));
         let mut shares = Planes::new(grid, 2);
         shares.data.fill(0.5);
+        // A frame too bright to be squared leaves nothing behind.
+        fill(&mut coherence, |i| 1e30 * taken(i));
+        coherence.give_back(&Frame { size: SIZE, color: &color, ..Frame::default() }, &mut shares, &mut before.clone());
+        assert!(shares.data.iter().all(|share| *share == 0.5));
         fill(&mut coherence, |i| if i == 5 { f32::NAN } else { 3.0 * taken(i) });
         coherence.give_back(&Frame { size: SIZE, color: &color, ..Frame::default() }, &mut shares, &mut to);
         for i in 0..color.len() {
@@ -257,7 +262,7 @@ mod tests {
             let mut coherence = Coherence::new(SIZE);
             for channel in 0..3 {
                 fill(&mut coherence, |i| of(i)[channel]);
-                coherence.add(1.0);
+                coherence.sum(channel > 0);
             }
             let grid = Grid::over(SIZE);
             let rows = (0..grid.rows).map(|row| coherence.of_row(row, &mut Pool::default()));

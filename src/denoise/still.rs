@@ -80,7 +80,7 @@ fn coherent(frame: &Frame<'_>, level: f32, cells: [usize; 2]) -> Vec<f32> {
                 *to = if color.is_finite() { color[channel] / level } else { f32::NAN };
             }
         });
-        coherence.add(1.0);
+        coherence.sum(channel > 0);
     }
     let centre = |cell: usize| (cell * CELL + CELL / 2) / BLOCK;
     let of_row = |pool: &mut Pool, row: usize| {
