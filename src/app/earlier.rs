@@ -288,7 +288,7 @@ fn is_whole(path: &Path) -> bool {
 }
 
 /// Returns the attributes of a PNG or EXR that are texts; none if it cannot be read.
-fn attributes(path: &Path) -> exr::Attributes {
+pub(crate) fn attributes(path: &Path) -> exr::Attributes {
     protected::unprotected(path, || match Content::Png.has_name(path) {
         true => png::texts(path).unwrap_or_default(),
         false => exr::header(path).map(|header| header.attributes()).unwrap_or_default(),

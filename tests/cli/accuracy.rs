@@ -1,6 +1,6 @@
 //! Pictures of a wanted error, or as good as they become in a given time.
 
-use crate::common::work::Work;
+use crate::common::work::{Work, errors};
 use cumulo::error::Code;
 use cumulo::formats::exr;
 use cumulo::formats::limits::Limits;
@@ -171,6 +171,30 @@ fn what_contradicts_is_refused() {
         &["--confidence", "no error is stated"],
     );
     assert!(!work.path("x.exr").exists());
+}
+
+/// Frames of other settings that lie in the folder change nothing of those that are rendered and denoised in it.
+#[test]
+fn nothing_is_learned_from_frames_of_other_settings() {
+    let work = Work::new();
+    let render = "render @plume.vdb --size 32x24 --density-scale 4 --albedo 0.9 --sun 1,1,2 --samples 2 --denoise";
+    let series = |color: u32, frames: &str, to: &str| {
+        let words = format!("{render} --views 1 --sun-color {color} --frames {frames} --overwrite -o {to}");
+        let out = work.command(&words).output().unwrap();
+        assert!(out.status.success(), "{words}: {}", errors(&out));
+        errors(&out)
+    };
+    series(3, "1-4", "both");
+    let told = series(9, "1-2", "both");
+    assert!(told.contains("frames 3-4 were made by other settings"), "{told}");
+    let told = series(9, "1-2", "alone");
+    assert!(!told.contains("other settings"), "{told}");
+    let frame = |folder: &str, frame: u32| planes(&work, &format!("{folder}/frame.{frame:04}.exr")).rgba;
+    for number in [1, 2] {
+        assert!(frame("both", number) == frame("alone", number), "{number}");
+    }
+    // Those of the same settings, which another run has rendered, are learned from.
+    assert!(!series(9, "3-4", "alone").contains("other settings"));
 }
 
 /// Frames that are rendered and denoised in one go are within the error that was wanted after denoising, of which the

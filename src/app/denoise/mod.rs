@@ -440,6 +440,15 @@ impl DenoiseSettings {
     /// # Errors
     /// If the sequence cannot be begun, or the one picture cannot be read or written.
     pub fn run(&self, context: &Context) -> Result<DenoiseReport> {
+        self.run_without(context, |_| false)
+    }
+
+    /// Does the same, but learns nothing from frames that `is_foreign` tells to be of another sequence, unless they are
+    /// asked for.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub(crate) fn run_without(&self, context: &Context, is_foreign: impl Fn(&Path) -> bool) -> Result<DenoiseReport> {
         let _inputs = inputs::protect(self.inputs(), self.limits);
         ranges::within("chunk", self.chunk, [1, u32::MAX])?;
         let provenance = Provenance::begin(context).of("denoise", self, &MANNER);
@@ -461,6 +470,13 @@ impl DenoiseSettings {
             Some(frames) => frames.numbers().collect(),
             None => present.clone(),
         };
+        let is_asked_for = |number: &u32| wanted.binary_search(number).is_ok();
+        let (present, foreign): (Vec<u32>, Vec<u32>) =
+            present.into_iter().partition(|number| is_asked_for(number) || !is_foreign(&input.path(*number)));
+        if !foreign.is_empty() {
+            let which = ranges(foreign.iter().copied());
+            context.note(format!("frames {which} were made by other settings: nothing is learned from them"));
+        }
         let first = wanted.first().copied().unwrap_or(1);
         // A folder that stays empty is removed again.
         let mut batch = Batch::new();
@@ -475,7 +491,7 @@ impl DenoiseSettings {
         let inputs: Vec<PathBuf> = numbers.iter().map(|number| input.path(*number)).collect();
         let outputs: Vec<PathBuf> = numbers.iter().map(|number| to.path(*number)).collect();
         outputs.iter().try_for_each(|path| protected::check(path))?;
-        let is_wanted: Vec<bool> = numbers.iter().map(|number| wanted.binary_search(number).is_ok()).collect();
+        let is_wanted: Vec<bool> = numbers.iter().map(is_asked_for).collect();
         let (write, renewed) = self.to_write(&is_wanted, [&inputs, &outputs], &numbers, &provenance)?;
         let skipped = is_wanted.iter().zip(&write).filter(|(wanted, write)| **wanted && !**write).count();
         let pixels = self.pixels(&inputs);

@@ -9,6 +9,7 @@ use super::{AccuracySettings, FramesReport, RenderSettings, ViewsReport};
 use crate::app::Context;
 use crate::app::denoise::{DenoiseReport, DenoiseSettings};
 use crate::app::earlier::{self, Keys, Policy};
+use crate::app::provenance::SETTINGS;
 use crate::app::use_case::{Report, Status};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
@@ -155,7 +156,7 @@ impl RenderSettings {
             true => (None, Some(noisy.run_frames(target, begun, context)?)),
             false => (Some(noisy.run_views(target, begun, context)?), None),
         };
-        let denoised = self.denoiser(&places.names, self.frames).run(context)?;
+        let denoised = self.denoised(&places, context)?;
         if let Some([from, to]) = places.captures.as_ref().filter(|[from, _]| from.exists()) {
             // Runs of other frames add to the capture of the noisy ones: the last copy has all of them.
             let _lock = to.parent().map(atomic::lock_folder);
@@ -210,6 +211,16 @@ impl RenderSettings {
         let [input, output] = [input.clone(), output.clone()];
         let limits = self.pictures.limits;
         DenoiseSettings { input, output, frames, halves: true, resume, overwrite, limits, ..DenoiseSettings::default() }
+    }
+
+    /// Denoises the noisy pictures. Those of other settings that an earlier run has left beside them are no frames of
+    /// the sequence.
+    fn denoised(&self, places: &Places, context: &Context) -> Result<DenoiseReport> {
+        let settings = |picture: &Path| earlier::attributes(picture).remove(SETTINGS);
+        let first = self.frame_numbers()?.and_then(|numbers| numbers.first().copied());
+        let own = first.zip(Pattern::parse(&places.names[0])).and_then(|(first, noisy)| settings(&noisy.path(first)));
+        let is_foreign = |picture: &Path| settings(picture).is_some_and(|found| Some(found) != own);
+        self.denoiser(&places.names, self.frames).run_without(context, is_foreign)
     }
 
     /// Chooses the number of paths for a wanted error by pilots, and says what it is expected to take.
