@@ -296,8 +296,8 @@ pub(super) static COMMANDS: &[Row] = &[
         "study",
         [
             "Measure the error of settings against their time, on your own inputs, and recommend one",
-            "The reference is converged by Cumulo itself and has an uncertainty of its own. The folder of the page gets \
-             a table (study.csv), a record (study.json) and the reference, too.",
+            "The reference is converged by Cumulo itself and has an uncertainty of its own. The folder of the page \
+             gets a table (study.csv), a record (study.json) and the reference, too.",
         ],
     ),
     Row::use_case::<DenoiseStudySettings>(
