@@ -24,7 +24,7 @@ const REACH: usize = 2;
 /// Standard deviations by chance that are taken from sums of coherent detail.
 const DEVIATIONS: f32 = 1.0;
 /// Share of what was taken away of a frame that is coherent, between which it comes to be no noise. That of noise is up
-/// to 0.08, behind filters of whatever width.
+/// to 0.08 behind pixel filters as renderers have them.
 const COHERENT: [f32; 2] = [0.08, 0.1];
 
 /// Planes: sums over the pixels of a block of the least product with the four nearest along the direction where that is

@@ -15,7 +15,7 @@ const LOOK: usize = 2;
 fn thumbnail(color: &[Vec3], [width, height]: [usize; 2]) -> Thumbnail {
     let mut sums = vec![(Vec3::ZERO, 0.0_f32); THUMBNAIL * THUMBNAIL];
     let bins: Vec<usize> = (0..width).map(|x| x * THUMBNAIL / width).collect();
-    for (y, row) in color.chunks(width).enumerate().step_by(LOOK) {
+    for (y, row) in color.chunks(width.max(1)).take(height).enumerate().step_by(LOOK) {
         let sums = &mut sums[y * THUMBNAIL / height * THUMBNAIL..][..THUMBNAIL];
         for (color, bin) in row.iter().zip(&bins).step_by(LOOK).filter(|(color, _)| color.is_finite()) {
             let (sum, count) = &mut sums[*bin];
@@ -111,5 +111,10 @@ mod tests {
             |at: usize| -> Vec<Vec3> { (0..64).map(|i| Vec3::splat(if i / 8 == at { 1.0 } else { 0.1 })).collect() };
         let found = [1, 1, 6, 6].map(|at| cuts.begins_shot(&picture(at), [8, 8], || false));
         assert_eq!(found, [false, false, true, false]);
+        // Pictures without pixels, or with more than their size, are no other shots.
+        assert_eq!(
+            [[0, 0], [8, 2]].map(|size| CutDetector::default().begins_shot(&picture(1), size, || true)),
+            [false; 2]
+        );
     }
 }

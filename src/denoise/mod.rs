@@ -7,7 +7,9 @@
 //!   pixel, weights against outliers, and a blend of what the models around predict. `model` holds its numerics.
 //! - `guided` carries it further, for files: models on a grid of blocks, and a feature whose noise is independent of
 //!   the color's, from the frames before and, by a [`Lookahead`], from those that follow.
-//! - `still` gives back to a single picture what was no noise, by what `coherence` and second differences show.
+//! - `coherence` gives lines and edges back that were taken for noise, and `still` to a single picture whatever
+//!   second differences show to be none.
+//! - `cuts` finds where shots begin.
 //! - `halves` tells the error of frames that are denoised in two independent halves, and `kept` gives back what such a
 //!   frame has lost by that.
 //! - `ema` and `svgf` are there to compare with.

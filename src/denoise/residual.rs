@@ -5,6 +5,8 @@
 //! that was smoothed away, histories of another shot or another light, motion that is wrong. The share that comes back,
 //! one less noise over residual, leaves the least error (James & Stein 1961). It is 1 without noise, and 0 where the
 //! denoiser leaves nothing.
+//!
+//! Of what is taken away all the same, lines and edges come back by their [`coherence`](super::coherence).
 
 use super::blocks::{Grid, Interpolated, Planes, Pool};
 use super::coherence::Coherence;

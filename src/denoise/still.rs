@@ -17,9 +17,8 @@ use std::ops::Range;
 /// Edge in pixels of the cells over which noise is measured, and cells to each side over which that is pooled.
 const CELL: usize = 16;
 const RADIUS: usize = 1;
-/// Share of the power of small detail that is coherent, between which it comes to be no noise. That of noise is 0.01 to
-/// 0.04 behind usual filters, whether its channels are independent or not, and that of letters, hair and grass 0.12 and
-/// more.
+/// Share of the power of small detail that is coherent, between which it comes to be no noise. That of noise is seldom
+/// above 0.05, and that of letters 0.1 and more.
 const COHERENT: [f32; 2] = [0.05, 0.08];
 /// Share of the pixels whose second difference may be larger than that by which noise is measured: outlines are noise
 /// to it.

@@ -454,14 +454,7 @@ impl DenoiseSettings {
         let provenance = Provenance::begin(context).of("denoise", self, &MANNER);
         let settings = self.published.checked()?;
         let two_way = self.method.method().looks_ahead() && self.direction == Direction::Both;
-        if self.error && !two_way {
-            return Err(Error::invalid("⟨error⟩ needs ⟨method=wrls2⟩ and ⟨direction=both⟩")
-                .hint("noise and error are told by the frames before and after; give neither option, or no ⟨error⟩"));
-        }
-        if self.halves && (self.error || self.confidence || self.alpha || !self.layers.is_empty()) {
-            return Err(Error::invalid("⟨halves⟩ denoises the layers half_a and half_b, and no others")
-                .hint("leave out ⟨layers⟩, ⟨alpha⟩, ⟨confidence⟩ and ⟨error⟩, or ⟨halves⟩"));
-        }
+        self.check(two_way)?;
         let input = Names::of(&self.input)?;
         let to = input.alike(&self.output, "the noisy frames")?;
         input.check_frames(self.frames.is_some())?;
@@ -470,13 +463,7 @@ impl DenoiseSettings {
             Some(frames) => frames.numbers().collect(),
             None => present.clone(),
         };
-        let is_asked_for = |number: &u32| wanted.binary_search(number).is_ok();
-        let (present, foreign): (Vec<u32>, Vec<u32>) =
-            present.into_iter().partition(|number| is_asked_for(number) || !is_foreign(&input.path(*number)));
-        if !foreign.is_empty() {
-            let which = ranges(foreign.iter().copied());
-            context.note(format!("frames {which} were made by other settings: nothing is learned from them"));
-        }
+        let present = without_foreign(present, &wanted, context, |number| is_foreign(&input.path(number)));
         let first = wanted.first().copied().unwrap_or(1);
         // A folder that stays empty is removed again.
         let mut batch = Batch::new();
@@ -491,7 +478,7 @@ impl DenoiseSettings {
         let inputs: Vec<PathBuf> = numbers.iter().map(|number| input.path(*number)).collect();
         let outputs: Vec<PathBuf> = numbers.iter().map(|number| to.path(*number)).collect();
         outputs.iter().try_for_each(|path| protected::check(path))?;
-        let is_wanted: Vec<bool> = numbers.iter().map(is_asked_for).collect();
+        let is_wanted: Vec<bool> = numbers.iter().map(|number| wanted.binary_search(number).is_ok()).collect();
         let (write, renewed) = self.to_write(&is_wanted, [&inputs, &outputs], &numbers, &provenance)?;
         let skipped = is_wanted.iter().zip(&write).filter(|(wanted, write)| **wanted && !**write).count();
         let pixels = self.pixels(&inputs);
@@ -530,6 +517,19 @@ impl DenoiseSettings {
             seconds_denoising: done.seconds,
             still: input.is_still(),
         })
+    }
+
+    /// Refuses settings that contradict each other.
+    fn check(&self, two_way: bool) -> Result<()> {
+        if self.error && !two_way {
+            return Err(Error::invalid("⟨error⟩ needs ⟨method=wrls2⟩ and ⟨direction=both⟩")
+                .hint("noise and error are told by the frames before and after; give neither option, or no ⟨error⟩"));
+        }
+        if self.halves && (self.error || self.confidence || self.alpha || !self.layers.is_empty()) {
+            return Err(Error::invalid("⟨halves⟩ denoises the layers half_a and half_b, and no others")
+                .hint("leave out ⟨layers⟩, ⟨alpha⟩, ⟨confidence⟩ and ⟨error⟩, or ⟨halves⟩"));
+        }
+        Ok(())
     }
 
     /// Tells which of the frames that are wanted are to be written, and those that are there by the input that has
@@ -587,6 +587,17 @@ impl DenoiseSettings {
     fn files_of(&self, number: u32, input: &Path) -> Vec<PathBuf> {
         std::iter::once(input.to_path_buf()).chain(self.motion.files(number)).collect()
     }
+}
+
+/// Returns the frames that are there but for foreign ones that nobody asked for, and notes these.
+fn without_foreign(present: Vec<u32>, wanted: &[u32], context: &Context, is_foreign: impl Fn(u32) -> bool) -> Vec<u32> {
+    let is_own = |number: &u32| wanted.binary_search(number).is_ok() || !is_foreign(*number);
+    let (own, foreign): (Vec<u32>, Vec<u32>) = present.into_iter().partition(is_own);
+    if !foreign.is_empty() {
+        let which = ranges(foreign.iter().copied());
+        context.note(format!("frames {which} were made by other settings: nothing is learned from them"));
+    }
+    own
 }
 
 /// Attribute of a denoised picture that holds the command that made it.
