@@ -72,7 +72,7 @@ const MB: f64 = (1_u64 << 20) as f64;
 /// Bytes a pixel: the picture, its optical depth and weight, the samples of the solver, and copies on the way; and of
 /// pictures of which only the transmittances are kept, with what of them the rays of the solver need.
 const PIXEL: f64 = 96.0;
-const PIXEL_OF_DEPTHS: f64 = 24.0;
+const PIXEL_OF_DEPTHS: f64 = 28.0;
 /// Bytes a pixel that is kept while the pictures are read: its transmittance, and whether it shows anything.
 const PIXEL_READ: f64 = 6.0;
 /// Bytes a pixel of a picture that is being read: its colors and samples, and the planes by which its noise is judged.
