@@ -14,6 +14,7 @@ use crate::render::tiles;
 use crate::scene::bricks::{BRICK, Bricks, Voxel};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
+use rayon::prelude::*;
 
 /// A camera and its target picture.
 #[derive(Debug, Clone)]
@@ -161,7 +162,8 @@ fn partition_count<V: Voxel>(field: &Bricks<V>, lookups: &[f32], targets: &[&Tar
     if !by_voxels {
         return MOST_PARTITIONS;
     }
-    let rays: usize = targets.iter().map(|t| t.rgba.len() * t.rays_per_edge.pow(2)).sum();
+    let finite = |t: &Target| t.rgba.par_iter().filter(|p| p.iter().all(|v| v.is_finite())).count();
+    let rays: usize = targets.iter().map(|t| finite(t) * t.rays_per_edge.pow(2)).sum();
     let visible = lookups.iter().filter(|l| **l > 0.0);
     let mean = visible.clone().sum::<f32>() / visible.count().max(1) as f32;
     partitions(field, bricks_crossed(field, rays) * f64::from(mean), targets.len() < MOST_PARTITIONS)

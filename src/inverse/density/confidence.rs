@@ -92,8 +92,12 @@ where
         topology.gather_apron(&stored, &mut owned);
         for (squares, (channels, _)) in squares.iter_mut().zip(groups) {
             let share = (BLOCK * BLOCK) as f32 / (probes * channels.len()) as f32;
-            let square = |v: &I::Voxel| channels.iter().map(|c| (v.channel(*c) as f32).powi(2)).sum::<f32>();
-            squares.par_iter_mut().zip(&owned).for_each(|(s, v)| *s += share * square(v));
+            squares.par_chunks_mut(LEAF_VOXELS).zip(owned.par_chunks(LEAF_VOXELS)).for_each(|(squares, owned)| {
+                for channel in *channels {
+                    let values = owned.iter().map(|v| v.channel(*channel) as f32);
+                    squares.iter_mut().zip(values).for_each(|(s, v)| *s += share * v * v);
+                }
+            });
         }
         tick(probe + 1, probes);
     }

@@ -47,7 +47,7 @@ const DAMPING: f64 = 1e-4;
 /// Former rounds that the acceleration remembers.
 const MEMORY: usize = 2;
 /// Pixels of a picture that its camera's step is computed from, about.
-const PIXELS: usize = 4096;
+const PIXELS: usize = 1 << 14;
 /// Mean step in pixels below which the cameras are found; a focal length differs from the distance by little.
 const FOUND: f64 = 0.002;
 const FOUND_WITH_FOCAL: f64 = 0.0005;
