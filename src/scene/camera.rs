@@ -281,6 +281,17 @@ impl Camera {
         Some((DVec2::new(self.centre.x + self.focal.x * plane.x, self.centre.y - self.focal.y * plane.y), p.z))
     }
 
+    /// World length of a pixel at a point, by the finer of the picture's two directions; `None` for points at or behind a
+    /// perspective camera.
+    pub fn pixel_size_at(&self, world: DVec3) -> Option<f64> {
+        let (_, depth) = self.project(world)?;
+        let pixels = self.focal.max_element();
+        Some(match self.projection {
+            Projection::Perspective => depth / pixels,
+            Projection::Orthographic => 1.0 / pixels,
+        })
+    }
+
     /// Position of the camera in world space.
     pub fn position(&self) -> DVec3 {
         self.camera_to_world.w_axis.truncate()

@@ -107,37 +107,41 @@ impl Projector {
         let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return Vec::new() };
         let dvr = dvr.early_stop(0.0);
         let (arch, cancel) = (Arch::default(), self.cancel.clone());
-        let view = |(tape, depths): &mut (Tape<f32>, Vec<f64>), map: &&DepthMap| {
+        // Vectors that grow leave holes in memory, in all views together as much as what is kept: these grow once.
+        type Scratch = (Tape<f32>, Vec<f64>, [Vec<Sample>; 2]);
+        let view = |(tape, depths, [samples, idle]): &mut Scratch, map: &&DepthMap| {
             let map = map.reduced(map.stride_within(stride));
             let measured = map.depths();
             let sample = |i: usize| {
                 let (transmittance, depth, weight) = (map.transmittance[i], measured.depth[i], measured.weight[i]);
                 Sample { pixel: i as u32, transmittance, depth, weight }
             };
-            let pixels = morton(map.width, map.height).map(sample).filter(|sample| sample.weight > 0.0);
-            let (mut samples, mut idle): (Vec<_>, Vec<_>) = pixels.partition(|sample| {
+            samples.clear();
+            idle.clear();
+            for sample in morton(map.width, map.height).map(sample).filter(|sample| sample.weight > 0.0) {
                 if cancel.requested() {
-                    return false;
+                    break;
                 }
-                let [depth, _] = arch.dispatch(Run {
+                let [crossed, _] = arch.dispatch(Run {
                     dvr: &dvr,
                     camera: &map.camera,
-                    samples: std::slice::from_ref(sample),
+                    samples: std::slice::from_ref(&sample),
                     offsets: &self.offsets,
                     cotangent: &|_: &Sample, z: &[f64]| (0.0, [z.iter().sum(), 0.0]),
                     tape,
                     depths,
                     gradient: None,
                 });
-                depth > 0.0
-            });
-            idle.retain(|sample| sample.depth != 0.0);
-            // What vectors have in reserve is as much again, in all views together.
-            samples.shrink_to_fit();
-            idle.shrink_to_fit();
-            View { camera: map.camera, samples, idle, noise: map.noise }
+                if crossed > 0.0 {
+                    samples.push(sample);
+                } else if sample.depth != 0.0 {
+                    idle.push(sample);
+                }
+            }
+            View { camera: map.camera, samples: samples.clone(), idle: idle.clone(), noise: map.noise }
         };
-        tiles::map(maps, &Cancel::NEVER, || (Tape::default(), vec![0.0; self.offsets.len()]), view).unwrap_or_default()
+        let scratch = || (Tape::default(), vec![0.0; self.offsets.len()], Default::default());
+        tiles::map(maps, &Cancel::NEVER, scratch, view).unwrap_or_default()
     }
 
     /// Walks the rays of every pixel of the given views once, but for the idle ones. `cotangent(sample, depths)` maps

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
-use crate::scene::camera::{Camera, Projection};
+use crate::scene::camera::Camera;
 use glam::{DMat3, DMat4, DVec3};
 
 /// Returns a lattice along the axes of `existing` (else the world's) with voxels of edge `voxel_size`; with
@@ -53,14 +53,7 @@ pub(crate) fn levels_from(start: Option<&Affine>, lattice: &Affine, bounds: &Aab
 /// the picture's two directions. Voxels much smaller than that cannot be told apart.
 pub fn footprint<'c>(cameras: impl Iterator<Item = &'c Camera>, bounds: &Aabb) -> Option<f64> {
     let mut sizes: Vec<f64> = cameras
-        .filter_map(|camera| {
-            let (_, depth) = camera.project(bounds.centre())?;
-            let pixels = camera.focal.max_element();
-            Some(match camera.projection {
-                Projection::Perspective => depth / pixels,
-                Projection::Orthographic => 1.0 / pixels,
-            })
-        })
+        .filter_map(|camera| camera.pixel_size_at(bounds.centre()))
         .filter(|size| size.is_finite() && *size > 0.0)
         .collect();
     if sizes.is_empty() {
