@@ -8,8 +8,9 @@ background without alpha. Gaussian noise of the given deviations is added to the
 is then cut at black and white and rounded to 8 bits (`cut`), or the exact alpha is kept beside it (`alpha`). No bounds
 are given, and the lattice is not stated. Cameras are exact, or turned by random angles of that deviation and moved by
 as large a share of their distance; these captures are reconstructed as they are, and with `--refine-cameras`. A row has
-the decibels of the volume (of a peak of 1), those of the held-out view, which has noise, too, the unknown voxels and
-the seconds.
+the decibels of the volume (of a peak of 1), those of the held-out view, which has noise, too, the unknown voxels, the
+seconds, and what the cameras are off by: the root mean square of their rotations in degrees and of their shifts in
+percent of the distance, after the motion and scale of the scene as a whole, which no picture tells.
 Needs numpy and OpenEXR (`peers/requirements-denoisers.txt`). CUMULO is the program, `cumulo` by default.
 """
 
@@ -112,13 +113,34 @@ def turn(folder, degrees):
     path.write_text(json.dumps(capture))
 
 
-def reconstruct(capture, found, vdb, words):
+def poses(capture):
+    """The rotations and positions of a capture's cameras."""
+    matrices = np.array([frame["transform_matrix"] for frame in json.loads(capture.read_text())["frames"]])
+    return matrices[:, :3, :3], matrices[:, :3, 3]
+
+
+def apart(found, true):
+    """Degrees and percent that the cameras of a capture are off by, after the similarity that brings them nearest."""
+    (rotations, positions), (true_rotations, true_positions) = poses(found), poses(true)
+    left, _, right = np.linalg.svd(np.einsum("nij,nkj->ik", true_rotations, rotations))
+    turn = left @ right
+    cosines = (np.einsum("nij,ik,nkj->n", true_rotations, turn, rotations) - 1) / 2
+    moved, centred = (p - p.mean(0) for p in (positions @ turn.T, true_positions))
+    shifts = np.linalg.norm(centred - (moved * centred).sum() / (moved**2).sum() * moved, axis=1)
+    shares = shifts / np.linalg.norm(centred, axis=1)
+    return np.degrees(np.sqrt(np.mean(np.arccos(np.clip(cosines, -1, 1)) ** 2))), 100 * np.sqrt(np.mean(shares**2))
+
+
+def reconstruct(capture, found, vdb, clean, words):
     """Reconstructs and compares: a row's figures."""
     begun = time.monotonic()
     report = json.loads(cumulo("reconstruct", "density", capture, "-o", found, "--json", *words))
     seconds = time.monotonic() - begun
+    cameras = pathlib.Path((report["cameras"] or {}).get("capture") or capture / "transforms.json")
+    degrees, percent = apart(cameras, clean / "transforms.json")
     [grid] = json.loads(cumulo("diff", vdb, found, "--grid", "density", "--json"))["grids"]
-    return f"{grid['psnr_db']:9.1f} {report['held_out_psnr_db']:12.1f} {report['unknowns']:9} {seconds:8.0f}"
+    figures = f"{grid['psnr_db']:9.1f} {report['held_out_psnr_db']:12.1f} {report['unknowns']:9} {seconds:8.0f}"
+    return f"{figures} {degrees:8.4f} {percent:8.4f}"
 
 
 def main():
@@ -134,7 +156,7 @@ def main():
     parser.add_argument("--keep", action="store_true", help="keep the captures with noise")
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
-    print("volume  noise   kind    cameras         volume dB  held out dB  unknowns  seconds")
+    print("volume  noise   kind    cameras         volume dB  held out dB  unknowns  seconds  degrees  percent")
     for name in asked.volumes:
         vdb, clean = volume(name, asked.folder), asked.folder / f"{name}-clean"
         size = f"{asked.size}x{asked.size}"
@@ -149,7 +171,7 @@ def main():
             for cameras, words in ways.items():
                 row = f"{name:7} {sigma:<7} {kind:7} {cameras:14}"
                 try:
-                    print(row, reconstruct(capture, found, vdb, words), flush=True)
+                    print(row, reconstruct(capture, found, vdb, clean, words), flush=True)
                 except RuntimeError as error:
                     print(row, error, file=sys.stderr)
             if not asked.keep:
