@@ -47,7 +47,7 @@ const KNOWN: &[(&str, &str)] = &[
     ("derivatives preintegrated", "7f86199b75908199"),
     ("derivatives pre-shaded", "f1d70498e4ed6a60"),
     ("density", "316474d932f6f5dc"),
-    ("density by a function", "a39b09643dc14b9f"),
+    ("density by a function", "10ad89029ccb2855"),
     ("density by descent", "d806cb02d4a7cabc"),
     ("colors", "e8dd0eac390d9ba1"),
     ("function by pictures", "3c2180a4be76ff40"),
