@@ -281,8 +281,8 @@ impl Camera {
         Some((DVec2::new(self.centre.x + self.focal.x * plane.x, self.centre.y - self.focal.y * plane.y), p.z))
     }
 
-    /// World length of a pixel at a point, by the finer of the picture's two directions; `None` for points at or behind a
-    /// perspective camera.
+    /// World length of a pixel at a point, by the finer of the picture's two directions; `None` for points at or behind
+    /// a perspective camera.
     pub fn pixel_size_at(&self, world: DVec3) -> Option<f64> {
         let (_, depth) = self.project(world)?;
         let pixels = self.focal.max_element();
