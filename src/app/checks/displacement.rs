@@ -25,8 +25,8 @@ const EXPLAINED: f64 = 0.05;
 const ONE_DISPLACED: f64 = 0.5;
 const ONE_EXPLAINED: f64 = 0.2;
 /// Growth of the least displacement that counts, for every pixel by which a voxel is wider than one: what voxels do not
-/// resolve displaces pictures, too. With exact cameras medians were 0.17, 0.64 and 1.2 pixels where voxels were 1.7, 3.5
-/// and 5.2 pixels wide.
+/// resolve displaces pictures, too. With exact cameras medians were 0.17, 0.64 and 1.2 pixels where voxels were 1.7,
+/// 3.5 and 5.2 pixels wide.
 const COARSE: f64 = 0.3;
 
 /// Displacement of a picture by the step of its camera that brings it nearest to the render.
